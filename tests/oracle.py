@@ -1,0 +1,227 @@
+"""Slow float64 twins of everything that thzcl computes, written for clarity; they share no code with the package.
+
+Sources: Liebe, Hufford and Cotton (1993) for absorption; Planck's law; O'Brien and Tofsted's equation (2) for the radiance
+at the camera; plain geometry for the rest.
+"""
+
+from __future__ import annotations
+
+import csv
+import math
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+TABLES = Path(__file__).parents[1] / "thzcl" / "absorption"
+H, K, C = 6.62607015e-34, 1.380649e-23, 299792458.0
+
+
+# --- absorption -----------------------------------------------------------------------------------------------------------
+
+
+def lines(name):
+    with (TABLES / name).open(newline="") as file:
+        rows = [row for row in csv.reader(file) if not row[0].startswith("#")]
+    return [[float(cell) for cell in row] for row in rows[1:]]
+
+
+OXYGEN, WATER = lines("mpm93_oxygen_lines.csv"), lines("mpm93_water_lines.csv")
+
+
+def attenuation_db_km(f, kelvin, pressure, e, corrected=False):
+    """(dry, vapour) in dB/km: GHz, K, hPa in all, hPa of vapour; numbers or arrays."""
+    theta, p = 300 / kelvin, pressure - e
+    oxygen = 0.0
+    for f0, a1, a2, a3, a4, a5, a6 in OXYGEN:
+        s = 1e-6 * a1 / f0 * p * theta**3 * np.exp(a2 * (1 - theta))
+        g = np.hypot(1e-3 * a3 * (p * theta ** (0.8 - a4) + 1.1 * e * theta), 25 * 0.6e-4)
+        d = 1e-3 * (a5 + a6 * theta) * (p + e) * theta**0.8
+        oxygen = oxygen + s * f * ((g - (f0 - f) * d) / ((f0 - f) ** 2 + g * g) + (g - (f0 + f) * d) / ((f0 + f) ** 2 + g * g))
+    g0 = 0.56e-3 * (p + e) * theta**0.8
+    dry = np.maximum(oxygen, 0.0)
+    dry = dry + 6.14e-5 * p * theta**2 * f * g0 / (f * f + g0 * g0)
+    dry = dry + 1.40e-12 * p * p * theta**3.5 * f / (1 + 1.93e-5 * f**1.5)
+    vapour = 0.0
+    for f0, b1, b2, b3, b4, b5, b6 in WATER:
+        abundance = {547.68: 0.00199983, 552.02: 0.000372}.get(round(f0, 2)) if corrected else None
+        s = (48.74 * abundance if abundance else b1) / f0 * e * theta**3.5 * np.exp(b2 * (1 - theta))
+        g = 1e-3 * b3 * (b4 * e * theta**b6 + p * theta**b5)
+        if pressure < 0.7:
+            g = 0.535 * g + np.sqrt(0.217 * g * g + (1.46e-6 * f0) ** 2 / theta)
+        vapour = vapour + s * f * g * (1 / ((f0 - f) ** 2 + g * g) + 1 / ((f0 + f) ** 2 + g * g))
+    return 0.1820 * f * dry, 0.1820 * f * vapour
+
+
+def saturation_hpa(kelvin):
+    theta = 300 / kelvin
+    return 2.408e11 * theta**5 * math.exp(-22.644 * theta)
+
+
+def absorption_per_m(frequency_hz, kelvin, pressure, grams):
+    """1/m of air that holds so many g/m3 of vapour, which cannot be more than there is pressure; numbers or arrays."""
+    e = np.minimum(grams * 1e-3 * 461.525 * kelvin / 100, pressure)
+    return sum(attenuation_db_km(frequency_hz / 1e9, kelvin, pressure, e)) / (1e4 / math.log(10))
+
+
+# --- radiance -------------------------------------------------------------------------------------------------------------
+
+
+def planck(frequency_hz, kelvin):
+    if kelvin == 0:
+        return 0.0
+    x = H * frequency_hz / (K * kelvin)
+    return 0.0 if x > 700 else 2 * H * frequency_hz**3 / C**2 / math.expm1(x)
+
+
+def brightness_temperature(frequency_hz, radiance):
+    return H * frequency_hz / K / math.log1p(2 * H * frequency_hz**3 / C**2 / radiance)
+
+
+# --- geometry -------------------------------------------------------------------------------------------------------------
+
+
+@dataclass
+class Camera:
+    position: tuple
+    look_at: tuple
+    focal: float
+    plane: tuple
+    pixels: tuple
+    up: tuple = (0, 0, 1)
+
+    def ray(self, row, column):
+        """Unit direction through the centre of a pixel, or through fractions of one."""
+        position, look_at = np.array(self.position, float), np.array(self.look_at, float)
+        forward = (look_at - position) / math.dist(look_at, position)
+        right = np.cross(forward, self.up)
+        right = right / math.sqrt(right @ right)
+        up = np.cross(right, forward)
+        (w, h), (nx, ny) = self.plane, self.pixels
+        x, y = ((column + 0.5) / nx - 0.5) * w, (0.5 - (row + 0.5) / ny) * h
+        direction = self.focal * forward + x * right + y * up
+        return direction / math.sqrt(direction @ direction)
+
+
+@dataclass
+class Box:
+    center: tuple
+    size: tuple
+    yaw: float = 0.0
+
+    def meet(self, origin, direction):
+        """Distance to the first face met, its axis and sign, or None. From inside, the face by which the ray leaves."""
+        c, s = math.cos(math.radians(self.yaw)), math.sin(math.radians(self.yaw))
+        turn = np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]])
+        o, d = turn @ (origin - np.array(self.center)), turn @ direction
+        best = None
+        for axis in range(3):
+            for sign in (-1, 1):
+                if d[axis] == 0:
+                    continue
+                t = (sign * self.size[axis] / 2 - o[axis]) / d[axis]
+                point = o + t * d
+                others = [k for k in range(3) if k != axis]
+                on_face = all(abs(point[k]) <= self.size[k] / 2 * (1 + 1e-13) for k in others)
+                if t > 0 and on_face and (best is None or t < best[0]):
+                    best = (t, axis, sign, point)
+        return best
+
+
+def stripe(box, hit, count):
+    """Number of the stripe at a hit, from the left as seen from outside with z up (x to the right on top)."""
+    _, axis, sign, point = hit
+    normal = np.zeros(3)
+    normal[axis] = sign
+    # Looking at the face, along -normal.
+    rightward = np.array([sign, 0, 0]) if axis == 2 else np.cross(-normal, (0, 0, 1))
+    k = int(np.argmax(np.abs(rightward)))
+    fraction = (point[k] * rightward[k] + box.size[k] / 2) / box.size[k]
+    return min(max(int(fraction * count), 0), count - 1)
+
+
+# --- paths ----------------------------------------------------------------------------------------------------------------
+
+
+def segments(origin, direction, length, n):
+    """Voxel (x, y, z) and length of each voxel crossed, in voxel units, through a periodic cube of n voxels an edge.
+
+    Every crossing of every face is listed and sorted, so nothing is accumulated; a ray in a face belongs to [i, i + 1).
+    """
+    cuts = [np.array([0.0, length])]
+    for o, d in zip(origin, direction, strict=True):
+        if d != 0:
+            first, last = sorted((o, o + d * length))
+            planes = np.arange(math.floor(first), math.ceil(last) + 1)
+            cuts.append((planes - o) / d)
+    t = np.unique(np.concatenate(cuts))
+    t = t[(t >= 0) & (t <= length)]
+    middles = (t[1:] + t[:-1]) / 2
+    cells = np.floor(np.asarray(origin) + middles[:, None] * np.asarray(direction)).astype(int)
+    # Along a direction of exactly 0 the middle lies where the origin does.
+    return cells % n, np.diff(t)
+
+
+def path(cube, origin, direction, length_m, voxel_m, rotation):
+    """Values of a cube [z, y, x] along a ray of the world, and the metres spent in each."""
+    n = cube.shape[0]
+    o = np.mod(rotation @ np.asarray(origin) / voxel_m, n)
+    cells, lengths = segments(o, rotation @ direction, length_m / voxel_m, n)
+    return cube[cells[:, 2], cells[:, 1], cells[:, 0]], lengths * voxel_m
+
+
+def transfer(absorption, metres, source, surface):
+    """Equation (2): radiance at the camera, from the absorption, length and Planck radiance of each segment, camera first."""
+    radiance, transmission = 0.0, 1.0
+    for k, ds, j in zip(absorption, metres, source, strict=True):
+        radiance += transmission * j * -math.expm1(-k * ds)
+        transmission *= math.exp(-k * ds)
+    return radiance + transmission * surface
+
+
+# --- field ----------------------------------------------------------------------------------------------------------------
+
+
+def philox(counter, key):
+    """Philox 4x32-10 of Salmon et al. (2011), of arrays of four words."""
+    c = [np.asarray(word, dtype=np.uint64) for word in counter]
+    k = [int(word) for word in key]
+    low = np.uint64(0xFFFFFFFF)
+    for _ in range(10):
+        first, second = np.uint64(0xD2511F53) * c[0], np.uint64(0xCD9E8D57) * c[2]
+        c = [
+            (second >> np.uint64(32)) ^ c[1] ^ np.uint64(k[0]),
+            second & low,
+            (first >> np.uint64(32)) ^ c[3] ^ np.uint64(k[1]),
+            first & low,
+        ]
+        k = [(k[0] + 0x9E3779B9) % 2**32, (k[1] + 0xBB67AE85) % 2**32]
+    return c
+
+
+def gaussian_fields(n, voxel_m, seed, psi):
+    """Two real fields whose spectrum is psi(xi): Hermitian noise of unit variance, transformed. Arrays [z, y, x]."""
+    wave = np.rint(np.fft.fftfreq(n, 1 / n)).astype(int)
+    kz, ky, kx = np.meshgrid(wave, wave, wave, indexing="ij")
+    xi = np.sqrt(kx**2 + ky**2 + kz**2) / (n * voxel_m)
+    amplitude = np.zeros(xi.shape)
+    amplitude[xi > 0] = np.sqrt(psi(xi[xi > 0]) / (n * voxel_m) ** 3)
+    # Of each pair k, -k one draws: that with 0 < x < n/2, and in the planes x = 0 and n/2 the earlier in (z, y).
+    x, y, z = kx % n, ky % n, kz % n
+    mx, my, mz = -x % n, -y % n, -z % n
+    in_plane = (x == 0) | (x == n // 2)
+    mirrored = np.where(in_plane, (mz < z) | ((mz == z) & (my < y)), x > n // 2)
+    own = (x == mx) & (y == my) & (z == mz)
+    words = philox(
+        [np.where(mirrored, a, b) for a, b in ((mx, x), (my, y), (mz, z))] + [np.zeros_like(x)], (seed % 2**32, seed >> 32)
+    )
+    fields = []
+    for a, b in (words[:2], words[2:]):
+        radius = np.sqrt(-2 * np.log((a.astype(float) + 0.5) / 2**32))
+        angle = 2 * np.pi * b.astype(float) / 2**32
+        real, imaginary = radius * np.cos(angle), radius * np.sin(angle)
+        noise = np.where(own, real, (real + 1j * np.where(mirrored, -imaginary, imaginary)) / math.sqrt(2))
+        field = np.fft.ifftn(noise * amplitude) * n**3
+        assert abs(field.imag).max() < 1e-9 * abs(field.real).max()
+        fields.append(field.real)
+    return fields
