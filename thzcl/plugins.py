@@ -1,0 +1,168 @@
+"""Finds sensors, checks that they keep the contract, and explains what is wrong with those that do not.
+
+A sensor's module is imported only when the scene names it. Built-in sensors and third parties' go through the same hook.
+"""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Mapping
+from dataclasses import dataclass
+from importlib import import_module
+from typing import Any
+
+import pluggy
+
+from thzcl import hookspecs
+from thzcl.scenario import Trouble, validate
+from thzcl.scenario.document import VariantTable
+from thzcl.scenario.problems import shown, suggest
+from thzcl.scenario.scene import Scene, SensorChoice
+from thzcl.sensor import Parameters, Sensor
+
+ENTRY_POINTS = "thzcl.sensors"
+_BUILT_IN = {"passive-spectral": "thzcl.sensors.passive_spectral"}
+
+
+class PluginError(Exception):
+    """A sensor plugin is missing or breaks the contract; the text says which and why."""
+
+
+@dataclass(frozen=True)
+class Origin:
+    """Where a sensor comes from."""
+
+    name: str
+    module: str
+    distribution: str
+
+
+def origins() -> list[Origin]:
+    """Every sensor on offer, built-in first; nothing is imported."""
+    from importlib.metadata import entry_points
+
+    found = [Origin(name, module, "thzcl") for name, module in _BUILT_IN.items()]
+    for point in entry_points(group=ENTRY_POINTS):
+        distribution = point.dist.name if point.dist else "an unnamed distribution"
+        if distribution != "thzcl":
+            found.append(Origin(point.name, point.value, distribution))
+    return found
+
+
+def sensor_class(kind: str) -> type[Sensor]:
+    """The sensor of that name, its module imported and checked. Raises PluginError."""
+    if kind in _BUILT_IN:
+        return load(Origin(kind, _BUILT_IN[kind], "thzcl"))
+    known = origins()
+    same = [origin for origin in known if origin.name == kind]
+    if not same:
+        raise PluginError(f'no sensor "{kind}" is installed ({suggest(kind, [origin.name for origin in known])})')
+    if len(same) > 1:
+        owners = " and ".join(origin.distribution for origin in same)
+        raise PluginError(f'"{kind}" is claimed by {owners}; uninstall one of them')
+    return load(same[0])
+
+
+def load(origin: Origin) -> type[Sensor]:
+    """Imports a plugin and returns its sensor. Raises PluginError naming plugin, distribution and reason."""
+    manager = pluggy.PluginManager("thzcl")
+    manager.add_hookspecs(hookspecs)
+    try:
+        manager.register(import_module(origin.module), origin.name)
+        manager.check_pending()
+        classes = [sensor for group in manager.hook.register_sensors() for sensor in group]
+    except Exception as error:  # whatever a stranger's module raises when imported
+        raise _broken(origin, f"{type(error).__name__}: {error}") from error
+    for sensor in classes:
+        if getattr(sensor, "name", None) == origin.name:
+            reason = _breach(sensor)
+            if reason:
+                raise _broken(origin, reason)
+            chosen: type[Sensor] = sensor
+            return chosen
+    raise _broken(origin, f'register_sensors() offers no sensor named "{origin.name}"')
+
+
+def _broken(origin: Origin, reason: str) -> PluginError:
+    return PluginError(f'sensor "{origin.name}" of {origin.distribution} ({origin.module}) cannot be used: {reason}')
+
+
+def _breach(sensor: Any) -> str | None:
+    """How a class breaks the contract, if it does."""
+    if not (isinstance(sensor, type) and issubclass(sensor, Sensor)):
+        return f"{sensor!r} is not a subclass of thzcl.sensor.Sensor"
+    parameters = getattr(sensor, "Params", None)
+    if not (isinstance(parameters, type) and issubclass(parameters, Parameters)):
+        return "its Params is not a subclass of thzcl.sensor.Parameters"
+    missing = sorted(getattr(sensor, "__abstractmethods__", ()))
+    return f"it does not define {' and '.join(missing)}()" if missing else None
+
+
+def describe(kind: str) -> str:
+    """A sensor and its distribution, in words."""
+    origin = next((origin for origin in origins() if origin.name == kind), Origin(kind, "", "thzcl"))
+    return f'sensor "{kind}" of {origin.distribution}'
+
+
+def summary(origin: Origin) -> str:
+    """The first sentence of a sensor's manual page, or what is wrong with it."""
+    try:
+        sensor = load(origin)
+    except PluginError as error:
+        return f"BROKEN: {error}"
+    return inspect.cleandoc(sensor.__doc__ or "").split("\n\n")[0].replace("\n", " ")
+
+
+def manual(kind: str) -> str:
+    """A sensor's manual page and the table of its parameters. Raises PluginError."""
+    sensor = sensor_class(kind)
+    lines = [kind, "=" * len(kind), "", inspect.cleandoc(sensor.__doc__ or ""), "", f'[sensor] kind = "{kind}"']
+    properties = sensor.Params.model_json_schema().get("properties", {})
+    for name, field in sensor.Params.model_fields.items():
+        unit = properties[name].get("unit")
+        default = "required" if field.is_required() else f"default {shown(field.default)}"
+        lines.append(f"  {name}{f' [{unit}]' if unit else ''}: {field.description or ''} ({default})")
+    return "\n".join(lines)
+
+
+def scenario_schema() -> dict[str, Any]:
+    """JSON Schema of a scenario, the sensors' parameters and [[variants]] included."""
+    found = Scene.model_json_schema()
+    definitions = found["$defs"]
+    choices = []
+    for origin in origins():
+        try:
+            parameters = load(origin).Params.model_json_schema(ref_template=f"#/$defs/{origin.name}/$defs/{{model}}")
+        except PluginError:
+            continue  # a broken plugin breaks no editor
+        parameters["properties"] = {"kind": {"const": origin.name}} | parameters.get("properties", {})
+        parameters["required"] = ["kind", *parameters.get("required", [])]
+        definitions[origin.name] = parameters
+        choices.append({"$ref": f"#/$defs/{origin.name}"})
+    found["properties"]["sensor"] = {"oneOf": choices}
+    found["properties"]["variants"] = {"type": "array", "items": VariantTable.model_json_schema()}
+    found["$schema"] = "https://json-schema.org/draft/2020-12/schema"
+    found["title"] = "thzcl scenario"
+    return found
+
+
+def troubles(table: Mapping[str, Any]) -> list[Trouble]:
+    """What is wrong with a [sensor] table, paths relative to it."""
+    kind = table.get("kind") if isinstance(table, Mapping) else None
+    if not isinstance(kind, str):
+        return []  # the scene's own check says so
+    try:
+        sensor = sensor_class(kind)
+    except PluginError as error:
+        return [Trouble(("kind",), str(error))]
+    return validate(sensor.Params, _parameters(table))[1]
+
+
+def make(choice: SensorChoice) -> Sensor:
+    """The sensor that a valid [sensor] table describes."""
+    sensor = sensor_class(choice.kind)
+    return sensor(sensor.Params.model_validate(_parameters(choice.model_dump())))
+
+
+def _parameters(table: Mapping[str, Any]) -> dict[str, Any]:
+    return {name: value for name, value in table.items() if name != "kind"}

@@ -1,0 +1,204 @@
+"""A scene: camera, air, ground, targets and background, as the tables of a scenario give them. Keys carry their unit."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, ClassVar, Literal
+
+from pydantic import BeforeValidator, Field
+
+from thzcl.absorption import Air
+from thzcl.absorption import humidity as humidities
+from thzcl.scenario.problems import Trouble
+from thzcl.scenario.table import Fraction, Kelvin, Positive, Table, Vector, key
+
+AirKelvin = Annotated[float, Field(ge=100, le=400)]
+PixelCount = Annotated[int, Field(ge=1, le=16384)]
+Face = Literal["-x", "+x", "-y", "+y", "-z", "+z"]
+
+
+class Camera(Table):
+    """A pinhole camera."""
+
+    position_m: Vector = key(help="camera's position [x, y, z]", unit="m")
+    look_at_m: Vector = key(help="point that the image centre shows [x, y, z]", unit="m")
+    up: Vector = key((0.0, 0.0, 1.0), help="direction that is up in the image; +y stands in where it is the line of sight")
+    focal_length_mm: Positive = key(help="focal length", unit="mm")
+    focal_plane_mm: tuple[Positive, Positive] = key(help="size of the focal plane [width, height]", unit="mm")
+    pixels: tuple[PixelCount, PixelCount] = key(help="number of pixels [width, height]")
+    samples_per_pixel: int = key(
+        1, ge=1, le=256, help="rays per pixel, on a regular grid within it, whose radiances are averaged"
+    )
+
+    def troubles(self) -> list[Trouble]:  # noqa: D102 (Table's)
+        found = []
+        if self.position_m == self.look_at_m:
+            found.append(Trouble(("look_at_m",), "the camera looks at itself; give a point away from position_m"))
+        if self.up == (0, 0, 0):
+            found.append(Trouble(("up",), "must not be zero; [0, 0, 1] is upright"))
+        return found
+
+
+class Fluctuations(Table):
+    """Turbulent fluctuations of humidity, and of temperature where a sigma or structure constant is given for it."""
+
+    exactly_one: ClassVar = (("sigma_percent", "structure_constant_q", "file"),)
+    at_most_one: ClassVar = (("temperature_sigma_k", "structure_constant_t"),)
+
+    spectrum: Literal["kolmogorov", "von-karman", "file"] = key("kolmogorov", help='power spectrum; "file" reads a cube')
+    file: str | None = key(None, help="NetCDF file with absolute_humidity(z, y, x) in g/m3")
+    sigma_percent: float | None = key(None, ge=0, le=300, unit="%", help="standard deviation of humidity over its mean")
+    structure_constant_q: float | None = key(
+        None, ge=0, unit="g^2 m^-6 m^-2/3", help="C_q^2: the structure function of humidity is C_q^2 r^(2/3)"
+    )
+    outer_scale_m: Positive | None = key(None, unit="m", help="outer scale of the von Karman spectrum")
+    distribution: Literal["auto", "gaussian", "lognormal"] = key(
+        "auto", help="gaussian (clipped at dry air) below a sigma of 30 %, lognormal from there on"
+    )
+    voxel_m: float | None = key(None, ge=1e-4, le=1e5, unit="m", help="edge of a voxel")
+    grid: int = key(128, ge=16, le=512, help="voxels along an edge of the periodic cube, a power of two")
+    seed: int | None = key(None, ge=0, lt=2**63, help="seed of the random numbers; one is drawn and recorded if absent")
+    grid_orientation: Literal["oblique", "aligned"] = key("oblique", help="the cube's axes against the world's")
+    temperature_sigma_k: float | None = key(None, ge=0, le=50, unit="K", help="standard deviation of air temperature")
+    structure_constant_t: float | None = key(None, ge=0, unit="K^2 m^-2/3", help="C_T^2 of air temperature")
+    correlation_tq: float = key(0.0, ge=-1, le=1, help="correlation of temperature and humidity")
+
+    def troubles(self) -> list[Trouble]:  # noqa: D102 (Table's)
+        found = []
+        if self.grid & (self.grid - 1):
+            found.append(Trouble(("grid",), f"must be a power of two from 16 to 512, not {self.grid}"))
+        if self.spectrum == "von-karman" and self.outer_scale_m is None:
+            found.append(Trouble((), 'spectrum = "von-karman" needs outer_scale_m'))
+        if self.spectrum != "von-karman" and self.outer_scale_m is not None:
+            found.append(Trouble(("outer_scale_m",), 'is used by spectrum = "von-karman" only; remove it or change spectrum'))
+        if (self.spectrum == "file") != (self.file is not None):
+            found.append(Trouble(("spectrum",), 'spectrum = "file" and file = "..." go together'))
+        if self.spectrum == "file" and (self.temperature_sigma_k or self.structure_constant_t):
+            found.append(Trouble(("spectrum",), "a cube from a file brings its own temperature (air_temperature) or none"))
+        if self.spectrum != "file" and self.voxel_m is None:
+            found.append(Trouble((), "needs voxel_m, the edge of a voxel in m"))
+        return found
+
+
+class Atmosphere(Table):
+    """The mean air, and how it fluctuates."""
+
+    exactly_one: ClassVar = (("relative_humidity_percent", "absolute_humidity_g_m3"),)
+
+    temperature_k: AirKelvin = key(help="mean air temperature", unit="K")
+    pressure_hpa: float = key(1013.25, gt=0, le=2000, help="total pressure", unit="hPa")
+    relative_humidity_percent: float | None = key(None, ge=0, unit="%", help="mean humidity relative to saturation over water")
+    absolute_humidity_g_m3: float | None = key(None, ge=0, unit="g/m3", help="mean absolute humidity")
+    model: Literal["mpm93", "mpm93-corrected", "none"] = key("mpm93", help="absorption model")
+    fluctuations: Fluctuations | None = key(None, help="turbulence; leave the table out for uniform air")
+
+    @property
+    def air(self) -> Air:
+        """The mean air."""
+        grams = self.absolute_humidity_g_m3
+        if grams is None:
+            vapour = humidities.vapour_pressure_from_relative(self.relative_humidity_percent, self.temperature_k)
+            grams = float(humidities.absolute_humidity(vapour, self.temperature_k))
+        return Air(self.model, self.temperature_k, self.pressure_hpa, grams)
+
+    def troubles(self) -> list[Trouble]:  # noqa: D102 (Table's)
+        vapour = self.air.vapour_pressure_hpa
+        if vapour <= self.pressure_hpa:
+            return []
+        given = "relative_humidity_percent" if self.absolute_humidity_g_m3 is None else "absolute_humidity_g_m3"
+        text = f"makes a vapour pressure of {vapour:.4g} hPa, more than the total of {self.pressure_hpa:g} hPa; lower it"
+        return [Trouble((given,), text)]
+
+
+class Ground(Table):
+    """The plane z = 0."""
+
+    temperature_k: Kelvin | None = key(None, help="temperature, needed wherever emission is seen", unit="K")
+    reflectivity: Fraction = key(0.0, help="power reflectivity, 0 to 1")
+
+
+class Bars(Table):
+    """Upright stripes of equal width on a face of a box; the first, third, ... from the left have their own temperature."""
+
+    face: Face = key(help="the face, by the direction of its outward normal in the box's own axes")
+    count: int = key(ge=1, le=10000, help="number of stripes across the face")
+    temperature_k: Kelvin = key(help="temperature of the first, third, ... stripe; the others have the target's", unit="K")
+
+
+def _as_list(value: Any) -> Any:
+    """One table of bars may stand for a list of one."""
+    return (value,) if isinstance(value, dict) else value
+
+
+class Box(Table):
+    """A rectangular box, turned about the vertical."""
+
+    kind: Literal["box"] = key(help='"box"')
+    center_m: Vector = key(help="centre [x, y, z]", unit="m")
+    size_m: tuple[Positive, Positive, Positive] = key(help="edges along the box's own x, y, z", unit="m")
+    yaw_deg: float = key(0.0, help="turn about the vertical, counter-clockwise seen from above", unit="deg")
+    temperature_k: Kelvin | None = key(None, help="temperature, needed wherever emission is seen", unit="K")
+    reflectivity: Fraction = key(0.0, help="power reflectivity, 0 to 1")
+    bars: Annotated[tuple[Bars, ...], BeforeValidator(_as_list, json_schema_input_type=Bars | tuple[Bars, ...])] = key(
+        (), help="stripes on a face; one table, or a list of them"
+    )
+
+    def troubles(self) -> list[Trouble]:  # noqa: D102 (Table's)
+        faces = [bars.face for bars in self.bars]
+        twice = {face for face in faces if faces.count(face) > 1}
+        return [Trouble(("bars",), f'face "{face}" has two sets of bars; give one') for face in sorted(twice)]
+
+
+class Background(Table):
+    """What rays see that meet no surface, and what surfaces reflect."""
+
+    temperature_k: Kelvin | None = key(None, help="temperature beyond max_range_m; the air's if absent", unit="K")
+    environment: Literal["air", "none"] | Kelvin = key(
+        "air", help='what surfaces reflect: "air" (a black enclosure at air temperature), "none", or a temperature', unit="K"
+    )
+    max_range_m: float = key(1000.0, gt=0, le=1e6, help="length of a ray that meets no surface", unit="m")
+
+
+class Numerics(Table):
+    """How the numbers are computed; every key has a sound default."""
+
+    precision: Literal["float32", "float64"] = key("float32", help="arithmetic on the device")
+    cutoff_depth: Positive | None = key(None, help="optical depth at which a ray ends; by default where the rest is worth 1e-7")
+    moments: int | None = key(
+        None, ge=1, le=16, help="degree of the absorption polynomial; by default as accurate as the arithmetic"
+    )
+
+
+class Output(Table):
+    """What the result file holds beyond the images."""
+
+    save_field: bool = key(False, help="store the humidity cube (and the temperature cube)")
+
+
+class SensorChoice(Table):
+    """The sensor's kind; the other keys belong to that sensor."""
+
+    model_config = Table.model_config | {"extra": "allow"}
+    kind: str = key(help="name of the sensor, as `thzcl sensors` lists them")
+
+
+class Scene(Table):
+    """Everything that one image needs."""
+
+    camera: Camera = key(help="the camera")
+    atmosphere: Atmosphere = key(help="the air")
+    sensor: SensorChoice = key(help="the sensor")
+    ground: Ground | None = key(None, help="the plane z = 0; leave the table out for no ground")
+    targets: dict[str, Box] = key({}, help="targets by name")
+    background: Background = key(Background(), help="what lies behind and around")
+    numerics: Numerics = key(Numerics(), help="how the numbers are computed")
+    output: Output = key(Output(), help="what the result file holds beyond the images")
+
+    def troubles(self) -> list[Trouble]:  # noqa: D102 (Table's)
+        found = []
+        if self.ground is not None and self.camera.position_m[2] <= 0:
+            height = self.camera.position_m[2]
+            text = f"the camera is at z = {height:g} m, not above the ground (z = 0); raise it or remove [ground]"
+            found.append(Trouble(("camera", "position_m"), text))
+        taken = [name for name in ("background", "ground") if name in self.targets]
+        text = "names another part of the scene; choose another name"
+        return found + [Trouble(("targets", name), f'"{name}" {text}') for name in taken]
