@@ -1,0 +1,1 @@
+"""The OpenCL C kernels: short entries over small physics functions."""

@@ -1,0 +1,89 @@
+// Where air temperature fluctuates, so does what the path emits, and path moments no longer suffice: depth and radiance are
+// carried from the camera outwards, at FREQUENCIES frequencies at once. Emission is exact per voxel at any depth: a voxel
+// adds (1 - exp(-K ds)) of its own Planck radiance, taken as difference from the mean air's.
+//
+// Options: FREQUENCIES; HUMIDITY_POWERS, TEMPERATURE_POWERS and PLANCK_POWERS, numbers of coefficients; CUTOFF as in trace.cl.
+
+// 1 - exp(-x) for x >= 0, relative error below 2e-7 (float32): -expm1(-x) by reduction to |r| <= ln(2)/2, where the Taylor
+// series of expm1 converges at once. The library's expm1 costs a multiple.
+static inline reals absorbed(reals x)
+{
+#if PRECISION == 64
+    return -expm1(-x);
+#else
+    const reals capped = SMALLER(x, (reals)80.0f);
+    const reals n = rint(capped * 1.44269504f);
+    const reals r = (n * 0.693145752f - capped) + n * 1.42860677e-6f;   // ln 2 in two parts
+    const reals series = r * (1.0f + r * (0.5f + r * (0.166666672f + r * (0.0416666679f + r * (8.33333377e-3f + r * (1.38888892e-3f + r * 1.98412701e-4f))))));
+    const reals scale = VECTOR(as_float)((127 - VECTOR(convert_int)(n)) << 23);   // 2^-n
+    return (1.0f - scale) - scale * series;
+#endif
+}
+
+static inline reals polynomial(__constant const real *c, int count, reals x)
+{
+    reals sum = c[count - 1];
+    for (int k = count - 2; k >= 0; --k) sum = sum * x + c[k];
+    return sum;
+}
+
+// `coefficients` (FREQUENCIES, HUMIDITY_POWERS, TEMPERATURE_POWERS) per metre; `planck` (FREQUENCIES, PLANCK_POWERS) of
+// B(T) - B(T_mean) in powers of T - T_mean; `emitted` (surface, FREQUENCIES) is L_surface - B(T_mean). Writes optical depth
+// and radiance above the mean air's, both (FREQUENCIES, ray).
+__kernel void emission(__global const real *restrict delta, __global const real *restrict offset, __constant frame *cube,
+                       int width, int height, int log2n, __global const wide *restrict reach,
+                       __global const real *restrict stretch, __global real *restrict path_length,
+                       __global int *restrict surface, __constant real *coefficients, __constant real *planck,
+                       __global const real *restrict emitted, real cutoff, __global int *restrict segments,
+                       __global real *restrict depth_out, __global real *restrict contrast_out)
+{
+    const int packet = get_global_id(0), first_ray = packet * LANES, padded = get_global_size(0) * LANES;
+    march ray = march_start(cube, width, height, log2n, reach, first_ray);
+    const reals metres = LOAD(stretch + first_ray);
+    reals depth[FREQUENCIES], contrast[FREQUENCIES], transmission[FREQUENCIES];
+    for (int f = 0; f < FREQUENCIES; ++f) {
+        depth[f] = contrast[f] = 0;
+        transmission[f] = 1;
+    }
+    wholes crossed = 0;
+#ifdef CUTOFF
+    wholes ended = 0;
+    int steps = 0;
+#endif
+    while (ANY(ray.here < ray.end)) {
+        const reals there = march_exit(&ray), length = (there - ray.here) * metres;
+        const wholes voxel = march_voxel(&ray);
+        const reals d = GATHER(delta, voxel), t = GATHER(offset, voxel);
+        for (int f = 0; f < FREQUENCIES; ++f) {
+            __constant const real *c = coefficients + f * HUMIDITY_POWERS * TEMPERATURE_POWERS;
+            reals absorption = polynomial(c + (HUMIDITY_POWERS - 1) * TEMPERATURE_POWERS, TEMPERATURE_POWERS, t);
+            for (int k = HUMIDITY_POWERS - 2; k >= 0; --k)
+                absorption = absorption * d + polynomial(c + k * TEMPERATURE_POWERS, TEMPERATURE_POWERS, t);
+            const reals tau = absorption * length, lost = absorbed(tau > 0 ? tau : (reals)0);
+            contrast[f] += transmission[f] * lost * polynomial(planck + f * PLANCK_POWERS, PLANCK_POWERS, t);
+            transmission[f] -= transmission[f] * lost;
+            depth[f] += tau;
+        }
+        crossed += length > 0 ? (wholes)1 : (wholes)0;
+        march_cross(&ray, there);
+#ifdef CUTOFF
+        if (++steps % CUTOFF == 0) {
+            reals least = depth[0];
+            for (int f = 1; f < FREQUENCIES; ++f) least = SMALLER(least, depth[f]);
+            const wholes over = (least > cutoff) & (there < ray.end);
+            ray.end = over ? there : ray.end;
+            ended = over ? over : ended;
+        }
+#endif
+    }
+#ifdef CUTOFF
+    march_record_ends(&ray, ended, first_ray, stretch, path_length, surface);
+#endif
+    for (int f = 0; f < FREQUENCIES; ++f) {
+        real source[LANES];
+        for (int lane = 0; lane < LANES; ++lane) source[lane] = emitted[surface[first_ray + lane] * FREQUENCIES + f];
+        STORE(depth[f], depth_out + f * padded + first_ray);
+        STORE(contrast[f] + transmission[f] * LOAD(source), contrast_out + f * padded + first_ray);
+    }
+    segments[packet] = march_count(crossed, first_ray, width * height);
+}

@@ -1,0 +1,55 @@
+// Number types. Every work-item carries LANES neighbours (rays, or wave vectors) in vectors: a CPU has no other way to use
+// its vector units, since PoCL does not vectorise divergent loops across work-items. On a GPU LANES is 1.
+//
+// Options: LANES 1, 4 or 8; PRECISION 32 or 64 (bits of `real`); WIDE set where the device has float64.
+
+#define JOIN_(a, b) a##b
+#define JOIN(a, b) JOIN_(a, b)
+#if LANES == 1
+#define VECTOR(type) type
+#define LOAD(p) (*(p))
+#define STORE(value, p) (*(p) = (value))
+#define ANY(condition) (condition)
+#define LANE_NUMBERS 0
+#define GATHER(p, i) ((p)[i])
+#elif LANES == 4
+#define VECTOR(type) JOIN(type, 4)
+#define LOAD(p) vload4(0, p)
+#define STORE(value, p) vstore4(value, 0, p)
+#define ANY(condition) any(condition)
+#define LANE_NUMBERS (int4)(0, 1, 2, 3)
+#define GATHER(p, i) (reals)((p)[(i).s0], (p)[(i).s1], (p)[(i).s2], (p)[(i).s3])
+#elif LANES == 8
+#define VECTOR(type) JOIN(type, 8)
+#define LOAD(p) vload8(0, p)
+#define STORE(value, p) vstore8(value, 0, p)
+#define ANY(condition) any(condition)
+#define LANE_NUMBERS (int8)(0, 1, 2, 3, 4, 5, 6, 7)
+#define GATHER(p, i) \
+    (reals)((p)[(i).s0], (p)[(i).s1], (p)[(i).s2], (p)[(i).s3], (p)[(i).s4], (p)[(i).s5], (p)[(i).s6], (p)[(i).s7])
+#endif
+
+#if PRECISION == 64
+typedef double real;
+typedef long whole;   // as wide as `real`, so that a comparison of reals selects between wholes
+#define REAL double
+#define WHOLE long
+#else
+typedef float real;
+typedef int whole;
+#define REAL float
+#define WHOLE int
+#endif
+typedef VECTOR(REAL) reals;
+typedef VECTOR(WHOLE) wholes;
+#define TO_REALS(x) VECTOR(JOIN(convert_, REAL))(x)
+
+// Rays start in float64 where the device has it: a hit or a miss must not depend on rounding.
+#ifdef WIDE
+typedef double wide;
+#else
+typedef float wide;
+#endif
+
+// OpenCL's fmin honours NaN and makes loops three times slower.
+#define SMALLER(a, b) ((a) < (b) ? (a) : (b))

@@ -1,0 +1,326 @@
+"""The OpenCL device: choose it, build kernels, hold buffers, transform. The only file that imports pyopencl or reikna."""
+
+from __future__ import annotations
+
+import ctypes
+import hashlib
+import os
+import struct
+import warnings
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyopencl as cl
+from numpy.typing import DTypeLike, NDArray
+
+from thzcl import linker
+
+KERNELS = Path(__file__).with_name("kernels")
+if not KERNELS.is_dir():  # straight from a checkout
+    KERNELS = Path(__file__).parents[1] / "kernels"
+
+GROUP = 16  # work-items in a group, always: PoCL builds a kernel anew for every other number
+SCIPY_FROM = 256  # grid from which SciPy's threads make up for the time its import takes
+_ALIGNMENT = 128  # bytes
+
+
+class DeviceError(Exception):
+    """There is no usable device; the text says what to do about it."""
+
+
+@dataclass(frozen=True)
+class DeviceInfo:
+    """A device that OpenCL sees."""
+
+    number: int
+    platform: str
+    name: str
+    kind: str  # CPU, GPU or other
+    driver: str
+    memory_bytes: int
+
+
+def devices() -> list[DeviceInfo]:
+    """Every device of every platform, in OpenCL's order."""
+    return [_info(number, device) for number, device in enumerate(_all())]
+
+
+def open_device(choice: str | None = None) -> Device:
+    """The chosen device, ready for kernels: a number, or part of a name, platform or kind; by default PoCL's CPU.
+
+    Raises DeviceError if there is none, if the choice is not clear, or if its driver cannot build kernels.
+    """
+    found = _all()
+    if not found:
+        raise DeviceError("OpenCL sees no device; run `thzcl doctor`")
+    infos = [_info(number, device) for number, device in enumerate(found)]
+    info = _chosen(infos, choice)
+    if info.platform == "Portable Computing Language":
+        _name_processor(found[info.number])
+        trouble = linker.check(f"{info.platform} {info.driver} {info.name}")
+        if trouble:
+            raise DeviceError(trouble)
+    return Device(found[info.number], info)
+
+
+def _chosen(infos: list[DeviceInfo], choice: str | None) -> DeviceInfo:
+    if choice is None:
+        return min(infos, key=lambda info: (info.platform != "Portable Computing Language", info.kind != "CPU"))
+    listing = ", ".join(f"{info.number} ({info.name})" for info in infos)
+    if choice.isdigit():
+        if int(choice) < len(infos):
+            return infos[int(choice)]
+        raise DeviceError(f"there is no device {choice}; choose among {listing}")
+    fitting = [i for i in infos if choice.lower() in f"{i.platform} {i.name} {i.kind}".lower()]
+    if len(fitting) != 1:
+        found = "no device fits" if not fitting else "several devices fit"
+        raise DeviceError(f'{found} "{choice}"; choose among {listing}')
+    return fitting[0]
+
+
+def _all() -> list[Any]:
+    try:
+        return [device for platform in cl.get_platforms() for device in platform.get_devices()]
+    except cl.Error:  # no platform at all is an error to OpenCL
+        return []
+
+
+def _info(number: int, device: Any) -> DeviceInfo:
+    kinds = {cl.device_type.CPU: "CPU", cl.device_type.GPU: "GPU"}
+    kind = next((name for flag, name in kinds.items() if device.type & flag), "other")
+    platform = device.platform
+    driver = " ".join(platform.version.partition(",")[0].removesuffix(device.driver_version).split())
+    return DeviceInfo(
+        number, platform.name, device.name.strip(), kind, f"{driver} {device.driver_version}", device.global_mem_size
+    )
+
+
+class Buffer:
+    """An array on the device. On a CPU it is a NumPy array whose memory the device uses in place."""
+
+    def __init__(self, device: Device, shape: tuple[int, ...], dtype: DTypeLike) -> None:
+        self.shape = shape
+        self.dtype = np.dtype(dtype)
+        self._device = device
+        self._array: NDArray[Any] | None = None
+        size = max(int(np.prod(shape)) * self.dtype.itemsize, 1)
+        flags = cl.mem_flags.READ_WRITE
+        if device.in_place:
+            raw = np.empty(size + _ALIGNMENT, np.uint8)
+            start = -raw.ctypes.data % _ALIGNMENT
+            self._array = raw[start : start + size].view(self.dtype)[: int(np.prod(shape))].reshape(shape)
+            self.memory = cl.Buffer(device.context, flags | cl.mem_flags.USE_HOST_PTR, hostbuf=raw[start : start + size])
+        else:
+            self.memory = cl.Buffer(device.context, flags, size)
+
+    def __len__(self) -> int:
+        return self.shape[0]
+
+    def host(self) -> NDArray[Any]:
+        """The values, once every kernel before has ended; on a CPU not a copy: do not write to it."""
+        if self._array is None:
+            array = np.empty(self.shape, self.dtype)
+            cl.enqueue_copy(self._device.queue, array, self.memory)
+            return array
+        self._device.finish()
+        return self._array
+
+    def fill(self, values: NDArray[Any]) -> Buffer:
+        """Sets the values; returns the buffer itself."""
+        if self._array is None:
+            cl.enqueue_copy(self._device.queue, self.memory, np.ascontiguousarray(values, self.dtype))
+        else:
+            self._device.finish()
+            self._array[...] = values
+        return self
+
+
+class Program:
+    """Built kernels."""
+
+    def __init__(self, device: Device, program: Any) -> None:
+        self._device = device
+        self._program = program
+        self._kernels: dict[str, Any] = {}
+
+    def run(self, name: str, size: int | tuple[int, int, int], *arguments: Any) -> None:
+        """Enqueues a kernel over `size` work-items, a multiple of 16 (along y, where there are three dimensions).
+
+        Buffers and NumPy scalars are passed as they are.
+        """
+        if name not in self._kernels:
+            self._kernels[name] = cl.Kernel(self._program, name)
+        kernel = self._kernels[name]
+        for position, argument in enumerate(arguments):
+            kernel.set_arg(position, argument.memory if isinstance(argument, Buffer) else argument)
+        self._device.in_use.extend(argument for argument in arguments if isinstance(argument, Buffer))
+        extent, group = ((size,), (GROUP,)) if isinstance(size, int) else (size, (1, GROUP, 1))
+        cl.enqueue_nd_range_kernel(self._device.queue, kernel, extent, group)
+
+
+class Device:
+    """One OpenCL device with its queue."""
+
+    def __init__(self, device: Any, info: DeviceInfo) -> None:
+        self.info = info
+        self.context = cl.Context([device])
+        self.queue = cl.CommandQueue(self.context)
+        self.in_place = info.kind == "CPU" and bool(device.host_unified_memory)
+        self.float64 = bool(device.double_fp_config)
+        self.largest_buffer = int(device.max_mem_alloc_size)
+        self.in_use: list[Buffer] = []  # by kernels not known to have ended: their memory must outlast them
+        self._programs: dict[tuple[tuple[str, ...], tuple[str, ...]], Program] = {}
+
+    @property
+    def memory_bytes(self) -> int:
+        """Memory for buffers: the device's, or the machine's where the device works in it."""
+        if self.in_place:
+            return os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+        return self.info.memory_bytes
+
+    @property
+    def build_options(self) -> list[str]:
+        """Every program built so far, with its options."""
+        return [f"{'+'.join(names[1:])}: {' '.join(options)}" for names, options in self._programs]
+
+    @property
+    def wide(self) -> np.dtype[Any]:
+        """The type in which rays start."""
+        return np.dtype(np.float64 if self.float64 else np.float32)
+
+    def lanes(self, precision: str) -> int:
+        """Rays to a work-item. Past 256 bits, PoCL 3.0 may pass a vector otherwise than its own library takes it."""
+        if self.info.kind != "CPU":
+            return 1
+        return 4 if precision == "float64" else 8
+
+    def empty(self, shape: tuple[int, ...], dtype: DTypeLike) -> Buffer:
+        """Memory that holds nothing in particular."""
+        return Buffer(self, shape, dtype)
+
+    def put(self, values: NDArray[Any], dtype: DTypeLike | None = None) -> Buffer:
+        """A copy of an array on the device."""
+        return Buffer(self, values.shape, dtype or values.dtype).fill(values)
+
+    def finish(self) -> None:
+        """Waits for every kernel."""
+        self.queue.finish()
+        self.in_use.clear()
+
+    def build(self, files: Sequence[str], precision: str, options: Sequence[str] = ()) -> Program:
+        """The kernels of some files, in order, behind lanes.cl. `options` are names or NAME=value."""
+        common = [f"LANES={self.lanes(precision)}", f"PRECISION={precision.removeprefix('float')}"]
+        common += ["WIDE"] if self.float64 else []
+        names = ("lanes", *files)
+        key = (names, (*common, *options))
+        if key not in self._programs:
+            source = "".join(f'#line 1 "{name}.cl"\n{(KERNELS / f"{name}.cl").read_text(encoding="utf-8")}\n' for name in names)
+            self._programs[key] = Program(self, self._built(source, [f"-D{option}" for option in key[1]]))
+        return self._programs[key]
+
+    def _built(self, source: str, options: list[str]) -> Any:
+        """A program from its binary of an earlier run, twenty times faster to load, or else from its source."""
+        platform = self.context.devices[0].platform.version
+        identity = "\0".join([source, *options, self.info.platform, platform, self.info.driver, self.info.name, _processor()])
+        cached = linker.cache_folder() / "programs" / hashlib.sha256(identity.encode()).hexdigest()
+        with suppress(OSError, cl.Error):
+            digest, binary = cached.read_bytes()[:32], cached.read_bytes()[32:]
+            if hashlib.sha256(binary).digest() == digest:
+                return cl.Program(self.context, self.context.devices, [binary]).build()
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # the compiler's remarks; its errors are raised
+            program = cl.Program(self.context, source).build(options)
+        with suppress(OSError):  # a cache that cannot be written is done without
+            cached.parent.mkdir(parents=True, exist_ok=True)
+            binary = program.get_info(cl.program_info.BINARIES)[0]
+            part = cached.with_suffix(f".{os.getpid()}")
+            part.write_bytes(hashlib.sha256(binary).digest() + binary)
+            part.replace(cached)
+        return program
+
+    def inverse_transform(self, spectrum: Buffer, grid: int, library: str | None = None) -> Buffer:
+        """Inverse Fourier transform of a cube, normalised by 1 / grid^3.
+
+        A half spectrum (grid, grid, grid/2 + 1) gives a real cube; a full one gives a complex cube, in place. `library` is
+        "numpy", "scipy" or "reikna" (full spectra only); by default the fastest: reikna on anything but a CPU, there NumPy,
+        and from 256 cubed on SciPy with all cores.
+        """
+        library = library or ("reikna" if not self.in_place else "scipy" if grid >= SCIPY_FROM else "numpy")
+        if library == "reikna":
+            from reikna.cluda import ocl_api
+            from reikna.fft import FFT
+
+            thread = ocl_api().Thread(self.queue)
+            cube = thread.array(spectrum.shape, spectrum.dtype, base=spectrum.memory)
+            FFT(cube).compile(thread)(cube, cube, inverse=1)
+            self.finish()
+            return spectrum
+        values, axes = spectrum.host(), (0, 1, 2)
+        half = values.shape[2] != grid
+        if library == "scipy":
+            import scipy.fft
+
+            transform = scipy.fft.irfftn if half else scipy.fft.ifftn
+            result = transform(values, (grid,) * 3, axes, overwrite_x=True, workers=-1)
+        else:
+            result = np.fft.irfftn(values, (grid,) * 3, axes) if half else np.fft.ifftn(values, axes=axes)
+        return self.put(result) if half else spectrum.fill(result)
+
+
+def _name_processor(device: Any) -> None:
+    """Tells PoCL which processor it runs on, where its LLVM 14 has never heard of it.
+
+    For processors newer than 2022 PoCL 3.0 asks its compiler for the CPU "generic", which that refuses: no kernel builds at
+    all. There is no option for it, so the name is mended in PoCL's own device structure, and only if the place where this
+    very build of PoCL keeps it does hold "generic". The new name is one whose instructions the processor has.
+    """
+    known_build = "OpenCL 3.0 PoCL 3.0-rc2  Linux, Release, RELOC, LLVM 14.0.6, SLEEF, DISTRO, POCL_DEBUG"
+    offset = 640  # of `llvm_cpu` in struct _cl_device_id
+    if not device.version.endswith("-generic") or device.platform.version.strip() != known_build:
+        return
+    with suppress(OSError), Path("/proc/self/mem").open("rb", buffering=0) as memory:
+        memory.seek(device.int_ptr + offset)
+        (pointer,) = struct.unpack("Q", memory.read(8))
+        memory.seek(pointer)
+        if memory.read(8) != b"generic\0":
+            return
+        libc = ctypes.CDLL(None)
+        libc.strdup.restype = ctypes.c_void_p
+        name = libc.strdup(_processor().encode())
+        ctypes.c_uint64.from_address(device.int_ptr + offset).value = name
+
+
+def _processor() -> str:
+    """A processor that LLVM 14 knows, no more able than this one, and as able as the kernel library that PoCL picks."""
+    flags: set[str] = set()
+    with suppress(OSError):
+        line = next(line for line in Path("/proc/cpuinfo").read_text().splitlines() if line.startswith("flags"))
+        flags = set(line.split())
+    if {"avx512f", "avx512bw", "avx512cd", "avx512dq", "avx512vl"} <= flags:
+        return "skylake-avx512"
+    return "haswell" if {"avx2", "fma", "bmi2", "movbe"} <= flags else "x86-64"
+
+
+def _probe() -> None:
+    """Builds and runs a kernel on PoCL's CPU; run in a child process, since failing may end it."""
+    device = next(device for device in _all() if device.platform.name == "Portable Computing Language")
+    _name_processor(device)
+    context = cl.Context([device])
+    queue = cl.CommandQueue(context)
+    program = cl.Program(context, "__kernel void probe(__global int *a) { a[get_global_id(0)] = 1; }").build()
+    memory = cl.Buffer(context, cl.mem_flags.READ_WRITE, 4 * GROUP)
+    kernel = cl.Kernel(program, "probe")
+    kernel.set_arg(0, memory)
+    cl.enqueue_nd_range_kernel(queue, kernel, (GROUP,), (GROUP,))
+    answer = np.zeros(GROUP, np.int32)
+    cl.enqueue_copy(queue, answer, memory)
+    if not answer.all():
+        raise SystemExit("a kernel ran, but what it computed is wrong")
+
+
+if __name__ == "__main__":
+    _probe()
