@@ -1,0 +1,107 @@
+"""Plans: what is shared, what is left out, and whether the figures hold."""
+
+from __future__ import annotations
+
+import pytest
+from scenes import run, scene, write
+
+from thzcl import overview, pipeline
+
+
+def plan(folder, data):
+    return pipeline.prepare(write(folder, data))
+
+
+def variants(**changes):
+    return [{"name": name, "set": {key: value}} for name, (key, value) in changes.items()]
+
+
+def test_six_panels_cost_one_field_and_one_trace():
+    assert len(pipeline.prepare("figure6").groups) == 1
+    reasons = {stage.name: stage.reason for stage in overview.stages(pipeline.prepare("figure6"))}
+    assert reasons["humidity-field"] == "1 cube for 6 images"
+    assert reasons["trace"].startswith("1 trace of")
+
+
+def test_climates_share_the_field_and_the_trace(tmp_path):
+    """Relative fluctuations know no climate, and path moments know neither frequency nor air."""
+    data = scene(variants=variants(a=("atmosphere.temperature_k", 260.0), b=("atmosphere.relative_humidity_percent", 30.0)))
+    assert len(plan(tmp_path, data).groups) == 1
+    together = run(tmp_path, data)
+    for number, (key, value) in enumerate(
+        (("atmosphere.temperature_k", 260.0), ("atmosphere.relative_humidity_percent", 30.0))
+    ):
+        alone = run(tmp_path, scene(), settings={key: value}).variants[0].radiances
+        assert together.variants[number].radiances.optical_depth == pytest.approx(alone.optical_depth, rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "groups"),
+    [
+        ("targets.box.temperature_k", 250.0, 1),
+        ("sensor.frequency_ghz", 350.0, 1),
+        ("targets.box.center_m", [20.0, 7.0, 1.0], 2),
+        ("atmosphere.fluctuations.seed", 4, 2),
+        ("atmosphere.fluctuations.grid_orientation", "aligned", 2),
+        ("numerics.precision", "float64", 2),
+    ],
+)
+def test_what_a_change_reaches(tmp_path, key, value, groups):
+    found = plan(tmp_path, scene(variants=variants(a=("targets.box.reflectivity", 0.2), b=(key, value))))
+    assert len(found.groups) == groups
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {},
+        {"camera__look_at_m": [30.0, 8.0, 30.0]},
+        {"atmosphere__fluctuations__temperature_sigma_k": 1.0, "sensor__frequency_ghz": [300.0 + 20 * n for n in range(10)]},
+        {"sensor__frequency_ghz": 556.936, "ground": None, "targets": {}},
+        {"camera__samples_per_pixel": 4},
+    ],
+)
+def test_voxels_are_counted_within_ten_per_cent(tmp_path, changes):
+    data = scene(camera__pixels=[48, 36], **changes)
+    assert overview.voxel_segments(plan(tmp_path, data)) == pytest.approx(run(tmp_path, data).voxel_segments, rel=0.1)
+
+
+def test_what_a_scene_does_not_have_is_not_compiled_in(tmp_path):
+    options = " ".join(run(tmp_path, scene(ground=None, targets={})).build_options)
+    assert "GROUND" not in options
+    assert "BOXES" not in options
+    assert "CUTOFF" not in options
+    assert "emission" not in options
+    full = " ".join(run(tmp_path, scene(atmosphere__fluctuations__temperature_sigma_k=1.0)).build_options)
+    assert "GROUND" in full and "BOXES" in full and "emission" in full
+
+
+def test_uniform_air_needs_no_field_and_no_trace(tmp_path):
+    result = run(tmp_path, scene(atmosphere__fluctuations=None))
+    assert not any("field" in options or "march" in options for options in result.build_options)
+    assert result.voxel_segments == 0
+    assert not {"humidity-field", "trace"} & set(result.seconds)
+
+
+def test_the_bound_of_the_plan_holds_in_the_run(tmp_path):
+    for sigma in (20.0, 60.0):
+        data = scene(atmosphere__fluctuations__sigma_percent=sigma)
+        bound = plan(tmp_path, data).surrogate_error
+        assert 0 < run(tmp_path, data).error_budget["surrogate"]["max"] <= bound <= 1e-7
+
+
+def test_warnings_where_a_user_should_think_twice(tmp_path):
+    def said(**changes):
+        return " ".join(overview.warnings(plan(tmp_path, scene(**changes))))
+
+    assert "periods of the 22.4 m cube" in said()
+    assert said(atmosphere__fluctuations__grid=256) == ""
+    assert "stated to 1000 GHz" in said(sensor__frequency_ghz=1200.0)
+    assert "of saturation" in said(atmosphere__relative_humidity_percent=120.0)
+
+
+def test_variants_stand_in_one_file_or_are_refused(tmp_path):
+    from thzcl.scenario import ScenarioError
+
+    with pytest.raises(ScenarioError, match="must have the same pixels"):
+        plan(tmp_path, scene(variants=variants(a=("camera.pixels", [8, 8]), b=("camera.pixels", [9, 9]))))

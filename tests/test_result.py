@@ -1,0 +1,153 @@
+"""The result file: what it holds, in which form, and that it can be read by others."""
+
+from __future__ import annotations
+
+import json
+
+import h5netcdf
+import numpy as np
+import pytest
+from scenes import run, scene
+
+from thzcl import radiometry
+
+
+@pytest.fixture(scope="module")
+def two(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("two")
+    data = scene(
+        sensor__frequency_ghz=[650.0, 350.0],
+        output={"save_field": True},
+        variants=[{"name": "warm", "set": {}}, {"name": "cold", "set": {"targets.box.temperature_k": 250.0}}],
+    )
+    result = run(folder, data)
+    return result, result.save(folder / "two.nc")
+
+
+def test_the_file_holds_what_the_design_lists(two):
+    result, path = two
+    with h5netcdf.File(path) as file:
+        spectral = ("variant", "frequency", "y", "x")
+        for name, units in (
+            ("radiance", "W m-2 sr-1 Hz-1"),
+            ("brightness_temperature", "K"),
+            ("brightness_temperature_contrast", "K"),
+            ("optical_depth", "1"),
+        ):
+            assert file[name].dimensions == spectral
+            assert file[name].shape == (2, 2, 12, 16)
+            assert file[name].attrs["units"] == units
+        assert file["image"].dimensions == ("variant", "y", "x")
+        assert file["path_length"].dimensions == ("y", "x")
+        assert file["path_length"].attrs["units"] == "m"
+        target = file["target"]
+        assert target.dimensions == ("y", "x")
+        assert target.attrs["flag_values"].tolist() == [0, 1, 2]
+        assert target.attrs["flag_meanings"] == "background ground box"
+        assert file["frequency"][...].tolist() == [350.0, 650.0]
+        assert file["frequency"].attrs["units"] == "GHz"
+        assert [name if isinstance(name, str) else name.decode() for name in file["variant"][...]] == ["warm", "cold"]
+        assert file["absolute_humidity"].shape == (32, 32, 32)
+        assert file["absolute_humidity"].attrs["voxel_m"] == 0.7
+        assert file["x_angle"].attrs["units"] == "mrad"
+        for name in (
+            "scenario_toml",
+            "versions",
+            "device",
+            "seed",
+            "build_options",
+            "seconds",
+            "left_out",
+            "warnings",
+            "grid_rotation",
+        ):
+            assert name in file.attrs
+        assert np.shape(json.loads(file.attrs["grid_rotation"])) == (3, 3)
+        assert json.loads(file.attrs["seconds"])["trace"] > 0
+        assert file.attrs["Conventions"].startswith("CF-")
+    assert result.variants[0].name == "warm"
+
+
+def test_what_is_stored_belongs_together(two):
+    _, path = two
+    with h5netcdf.File(path) as file:
+        hz = file["frequency"][...][None, :, None, None] * 1e9
+        radiance, kelvin = file["radiance"][...].astype(float), file["brightness_temperature"][...]
+        contrast = file["brightness_temperature_contrast"][...]
+        assert radiometry.brightness_temperature(hz, radiance) == pytest.approx(kelvin, rel=1e-6)
+        assert kelvin - contrast == pytest.approx(290.0, abs=1e-4)
+        assert file["image"][...] == pytest.approx(290 + contrast.mean(axis=1), abs=1e-4)
+
+
+def test_microkelvins_survive(tmp_path):
+    result = run(tmp_path, scene(targets__box__temperature_k=290.000001, targets__box__reflectivity=0.0, ground=None))
+    path = result.save(tmp_path / "faint.nc")
+    with h5netcdf.File(path) as file:
+        box = file["target"][...] == 2
+        contrast = file["brightness_temperature_contrast"][0, 0][box]
+        depth = file["optical_depth"][0, 0][box].astype(float)
+    assert box.sum() > 5
+    assert contrast == pytest.approx(1e-6 * np.exp(-depth), rel=1e-4)
+
+
+def test_xarray_sees_the_same(two):
+    xarray = pytest.importorskip("xarray")
+    result, path = two
+    dataset = result.to_xarray()
+    with xarray.open_dataset(path, engine="h5netcdf") as stored:
+        assert set(stored.variables) == set(dataset.variables)
+        assert stored["variant"].to_numpy().tolist() == ["warm", "cold"]
+        for name in stored.data_vars:
+            assert np.array_equal(stored[name], dataset[name])
+
+
+def test_a_saved_cube_is_the_next_scenes_air(two, tmp_path):
+    result, path = two
+    data = scene(
+        sensor__frequency_ghz=[650.0, 350.0],
+        atmosphere__fluctuations={"spectrum": "file", "file": str(path)},
+        variants=[{"name": "warm", "set": {}}],
+    )
+    again = run(tmp_path, data)
+    assert again.variants[0].radiances.optical_depth == pytest.approx(result.variants[0].radiances.optical_depth, rel=2e-6)
+
+
+@pytest.mark.parametrize(
+    ("shape", "fill", "expected"),
+    [
+        ((16, 16, 8), 5.0, "must be a cube"),
+        ((20, 20, 20), 5.0, "must be a cube"),
+        ((16,) * 3, -1.0, "negative"),
+        ((16,) * 3, np.nan, "finite"),
+    ],
+)
+def test_a_cube_that_cannot_be_used_is_refused(tmp_path, shape, fill, expected):
+    from test_trace import write_cube
+
+    from thzcl.scenario import ScenarioError
+
+    write_cube(tmp_path / "cube.nc", np.full(shape, fill), 0.5)
+    with pytest.raises(ScenarioError, match=expected):
+        run(tmp_path, scene(atmosphere__fluctuations={"spectrum": "file", "file": "cube.nc"}))
+
+
+def test_it_shows_itself_in_a_notebook(two):
+    shown = two[0]._repr_html_()
+    assert "<table>" in shown and "box" in shown and " K</td>" in shown
+
+
+def test_pictures_of_odd_shapes_can_be_drawn(tmp_path):
+    for pixels in ([1, 1], [40, 1], [1, 40]):
+        result = run(tmp_path, scene(camera__pixels=pixels))
+        assert result.figure(tmp_path / "odd.png").stat().st_size > 1000
+
+
+def test_python_users_get_a_result(tmp_path):
+    import thzcl
+
+    result = thzcl.run("quick", settings={"camera.pixels": [12, 8]})
+    assert isinstance(result, thzcl.Result)
+    assert result.variants[0].image.values.shape == (8, 12)
+    assert list(tmp_path.iterdir()) == []
+    with pytest.raises(AttributeError):
+        thzcl.nothing  # noqa: B018

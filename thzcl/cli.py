@@ -1,0 +1,295 @@
+"""The commands; nothing but parsing and printing. What they need is imported when they run."""
+
+from __future__ import annotations
+
+import json
+import sys
+import time
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Optional
+
+import typer
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+app = typer.Typer(
+    help="What will this terahertz imager see, through this air?",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+INTERRUPTED = 130
+_USAGE_ERROR: Any = typer.BadParameter.__mro__[2]  # ClickException, wherever this typer keeps it
+
+
+class UsageError(Exception):
+    """The command line makes no sense; the text says why and what would."""
+
+
+class Format(StrEnum):
+    """How to print."""
+
+    text = "text"
+    json = "json"
+
+
+class TableFormat(StrEnum):
+    """How to print a table."""
+
+    table = "table"
+    json = "json"
+    csv = "csv"
+
+
+Source = Annotated[str, typer.Argument(metavar="SCENARIO", help="a TOML file, a result (.nc), or the name of a shipped scene")]
+Settings = Annotated[
+    Optional[list[str]], typer.Option("--set", metavar="TABLE.KEY=VALUE", help="change a key; may be repeated")
+]
+Variants = Annotated[Optional[list[str]], typer.Option("--variant", metavar="NAME", help="only this variant; may be repeated")]
+DeviceChoice = Annotated[Optional[str], typer.Option("--device", metavar="D", help="device: a number, or part of its name")]
+HowToPrint = Annotated[Format, typer.Option("--format", help="how to print")]
+HowToTabulate = Annotated[TableFormat, typer.Option("--format", help="how to print")]
+
+
+def entry(arguments: list[str]) -> int:
+    """Runs a command line and returns its exit code: 0, 2 bad input, 3 no device, 4 numbers or plugin, 130 interrupted."""
+    try:
+        code = app(arguments, standalone_mode=False) or 0
+        sys.stdout.flush()
+    except typer.Exit as stop:
+        code = stop.exit_code
+    except (KeyboardInterrupt, typer.Abort):
+        code = INTERRUPTED
+    except BrokenPipeError:  # the reader has seen enough
+        sys.stdout = None  # so that nothing is flushed into it at exit
+        code = 0
+    except _USAGE_ERROR as error:
+        error.show()
+        code = 2
+    except Exception as error:  # noqa: BLE001 (those that are not explained are raised again)
+        code = _explained(error)
+    if code == INTERRUPTED:
+        _complain(["interrupted; nothing was left half-written"], code)
+    return int(code)
+
+
+def _explained(error: Exception) -> int:
+    """The message and exit code of an error that a user can do something about; others are ours, and raised."""
+    if isinstance(error, OSError):
+        place = f"{error.filename}: " if error.filename else ""
+        return _complain([f"{place}{error.strerror or error}; choose another place, or make room"], 2)
+    codes = {"ScenarioError": 2, "PluginError": 2, "UsageError": 2, "DeviceError": 3, "NumbersError": 4}
+    if type(error).__name__ not in codes:
+        raise error
+    return _complain(getattr(error, "problems", [str(error)]), codes[type(error).__name__])
+
+
+def _complain(lines: Iterable[str], code: int) -> int:
+    for line in lines:
+        print(line, file=sys.stderr)
+    return code
+
+
+def _changes(given: list[str] | None) -> dict[str, Any]:
+    """`--set` options as dotted keys and TOML values; what is not TOML is text."""
+    import tomli
+
+    found: dict[str, Any] = {}
+    for item in given or []:
+        name, equals, text = item.partition("=")
+        if not equals or not name.strip():
+            raise UsageError(f"--set {item}: write table.key=value, as in --set targets.box.temperature_k=290")
+        try:
+            found[name.strip()] = tomli.loads(f"value = {text}")["value"]
+        except tomli.TOMLDecodeError:
+            found[name.strip()] = text
+    return found
+
+
+@app.command()
+def run(
+    scenario: Source,
+    output: Annotated[Path, typer.Option("-o", "--output", metavar="DIR", help="folder for the files")] = Path(),
+    settings: Settings = None,
+    variant: Variants = None,
+    device: DeviceChoice = None,
+    no_figure: Annotated[bool, typer.Option("--no-figure", help="write no picture")] = False,
+    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="print nothing but errors")] = False,
+    how: HowToPrint = Format.text,
+) -> None:
+    """Compute the images of a scenario: DIR/<scenario>.nc and DIR/<scenario>.png."""
+    from thzcl import pipeline, printing
+    from thzcl.files import make_folder
+    from thzcl.scenario import find
+
+    files = [output / f"{find(scenario).stem}.nc"]
+    make_folder(output)
+    with printing.progress(quiet) as progress:
+        try:
+            result = pipeline.run(
+                scenario,
+                settings=_changes(settings),
+                variants=variant or (),
+                device=device,
+                figure=not no_figure,
+                progress=progress,
+            )
+        except pipeline.NumbersError as failure:
+            failure.result.save(files[0])
+            raise pipeline.NumbersError(f"{failure}; the radiances are kept in {files[0]}", failure.result) from failure
+        start = time.perf_counter()
+        progress("file")
+        result.save(files[0])
+        result.seconds["file"] = time.perf_counter() - start
+        if not no_figure:
+            progress("figure")
+            files.append(result.figure(output / f"{files[0].stem}.png"))
+            result.seconds["figure"] = time.perf_counter() - start - result.seconds["file"]
+    found = result.summary() | {"files": [str(file) for file in files]}
+    if how is Format.json:
+        print(json.dumps(found, indent=2))
+    elif not quiet:
+        printing.summary(found)
+
+
+@app.command()
+def check(scenario: Source, settings: Settings = None, variant: Variants = None) -> None:
+    """Validate a scenario, and report every problem at once."""
+    from thzcl import pipeline
+
+    found = pipeline.prepare(scenario, _changes(settings), variant or ())
+    print(f"{found.scenario.name}: sound, {len(found.variants)} image{'s' * (len(found.variants) > 1)}")
+
+
+@app.command()
+def plan(scenario: Source, settings: Settings = None, variant: Variants = None, how: HowToPrint = Format.text) -> None:
+    """Show which stages a scenario needs, which are left out and why, memory and work; compute nothing."""
+    from thzcl import overview, pipeline, printing
+
+    found = overview.as_json(pipeline.prepare(scenario, _changes(settings), variant or ()))
+    if how is Format.json:
+        print(json.dumps(found, indent=2))
+    else:
+        printing.plan(found)
+
+
+@app.command()
+def absorption(
+    frequency_ghz: Annotated[str, typer.Option(metavar="F", help="GHz: a value, a list a,b,c or a range start:stop:step")],
+    temperature_k: Annotated[str, typer.Option(metavar="T", help="K: a value, a list or a range")] = "288.15",
+    pressure_hpa: Annotated[float, typer.Option(metavar="P", help="total pressure, hPa")] = 1013.25,
+    relative_humidity_percent: Annotated[Optional[float], typer.Option(metavar="U", help="% of saturation over water")] = None,
+    absolute_humidity_g_m3: Annotated[Optional[float], typer.Option(metavar="RHO", help="g/m3")] = None,
+    vapour_pressure_hpa: Annotated[Optional[float], typer.Option(metavar="E", help="hPa; dry if no humidity is given")] = None,
+    model: Annotated[str, typer.Option(help="mpm93, mpm93-corrected or none")] = "mpm93",
+    how: HowToTabulate = TableFormat.table,
+    figure: Annotated[Optional[Path], typer.Option(metavar="FILE", help="write a picture (PNG) as well")] = None,
+) -> None:
+    """Print the absorption of moist air."""
+    from thzcl.absorption import spectrum
+    from thzcl.files import write_whole
+
+    given = {
+        "relative_humidity_percent": relative_humidity_percent,
+        "absolute_humidity_g_m3": absolute_humidity_g_m3,
+        "vapour_pressure_hpa": vapour_pressure_hpa,
+    }
+    humidities = {name: amount for name, amount in given.items() if amount is not None} or {"vapour_pressure_hpa": 0.0}
+    if len(humidities) > 1:
+        raise UsageError("give only one humidity: " + " or ".join(f"--{name.replace('_', '-')}" for name in humidities))
+    try:
+        frequencies, temperatures = spectrum.values(frequency_ghz), spectrum.values(temperature_k)
+        rows = spectrum.records(frequencies, temperatures, pressure_hpa, model, *next(iter(humidities.items())))
+    except ValueError as error:
+        raise UsageError(str(error)) from None
+    if figure is not None:
+        write_whole(figure, lambda part: spectrum.figure(rows, part))
+    _print_records(rows, how)
+    if frequencies.max() > 1000:
+        print("note: MPM93 is stated to 1000 GHz; beyond, absorption is an extrapolation", file=sys.stderr)
+
+
+def _print_records(rows: list[dict[str, float]], how: TableFormat) -> None:
+    from thzcl import printing
+
+    if how is TableFormat.json:
+        print(json.dumps({"records": rows}, indent=1))
+    elif how is TableFormat.csv:
+        print(",".join(rows[0]))
+        for row in rows:
+            print(",".join(repr(value) for value in row.values()))
+    else:
+        printing.table("", list(rows[0]), [[f"{value:.6g}" for value in row.values()] for row in rows])
+
+
+@app.command()
+def sensors(
+    name: Annotated[Optional[str], typer.Argument(metavar="[NAME]", help="a sensor, for its manual page")] = None,
+) -> None:
+    """List the sensors, or show one's manual page and parameters."""
+    from thzcl import plugins, printing
+
+    if name is not None:
+        print(plugins.manual(name))
+        return
+    rows = [[origin.name, origin.distribution, plugins.summary(origin)] for origin in plugins.origins()]
+    printing.table("", ["sensor", "from", ""], rows)
+
+
+@app.command()
+def scenarios() -> None:
+    """List the shipped scenes."""
+    from thzcl import printing
+    from thzcl.scenario import shipped
+
+    printing.table("", ["scene", ""], [[name, about] for name, about in shipped().items()])
+
+
+@app.command()
+def new(file: Annotated[Path, typer.Argument(metavar="FILE", help="the TOML file to write")]) -> None:
+    """Write a commented scene to start from."""
+    from thzcl.files import write_whole
+    from thzcl.scenario import SHIPPED
+
+    if file.exists():
+        raise UsageError(f"{file}: exists already; choose another name")
+    text = (SHIPPED / "quick.toml").read_text(encoding="utf-8")
+    write_whole(file, lambda part: part.write_text(text, encoding="utf-8"))
+    print(f"wrote {file}; edit it, then: thzcl run {file}")
+
+
+@app.command()
+def schema() -> None:
+    """Print the JSON Schema of scenarios, for editors."""
+    from thzcl import plugins
+
+    print(json.dumps(plugins.scenario_schema(), indent=2))
+
+
+@app.command()
+def devices(how: HowToPrint = Format.text) -> None:
+    """List the devices that OpenCL sees."""
+    from thzcl import doctor, printing
+
+    found = doctor.devices()
+    if how is Format.json:
+        print(json.dumps({"devices": found}, indent=2))
+        return
+    rows = [
+        [str(d["number"]), d["kind"], d["name"], d["platform"], d["driver"], f"{d['memory_bytes'] / 2**30:.1f}"] for d in found
+    ]
+    printing.table("", ["device", "kind", "name", "platform", "driver", "memory / GiB"], rows)
+
+
+@app.command(name="doctor")
+def diagnose() -> int:
+    """Look for what is missing on this machine, and name the command that mends it."""
+    from thzcl import doctor, printing
+
+    findings = doctor.examine()
+    rows = [[finding.subject, "fine" if finding.fine else "AMISS", finding.text] for finding in findings]
+    printing.table("", ["", "", ""], rows)
+    return 0 if all(finding.fine for finding in findings) else 3

@@ -1,0 +1,88 @@
+"""What the commands show: tables on stdout, progress on a terminal's stderr."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from typing import Any
+
+PIPE_WIDTH = 240  # columns, where there is no terminal to keep to
+
+
+def table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
+    """Prints a table; columns of numbers are aligned to the right."""
+    from rich import box
+    from rich.console import Console
+    from rich.markup import escape
+    from rich.table import Table
+
+    console = Console()
+    drawn = Table(title=title or None, title_justify="left", title_style="bold", box=box.SIMPLE_HEAD, pad_edge=False)
+    for at, name in enumerate(columns):
+        numeric = bool(rows) and all(row[at][:1] in "+-0123456789" for row in rows)
+        drawn.add_column(escape(name), justify="right" if numeric else "left", overflow="fold")
+    for row in rows:
+        drawn.add_row(*map(escape, row))
+    if not console.is_terminal:
+        console.width = PIPE_WIDTH
+    console.print(drawn)
+
+
+@contextmanager
+def progress(quiet: bool) -> Iterator[Callable[[str], None]]:
+    """Gives a function that shows the stage at work, on a terminal; elsewhere, and if quiet, it does nothing."""
+    if quiet or not sys.stderr.isatty():
+        yield _ignore
+        return
+    from rich.console import Console
+
+    with Console(stderr=True).status("starting") as status:
+        yield status.update
+
+
+def _ignore(stage: str) -> None:
+    """Shows nothing."""
+
+
+def summary(found: dict[str, Any]) -> None:
+    """Prints what a run found out."""
+    rows = [
+        [
+            variant["name"],
+            target,
+            str(values["pixels"]),
+            f"{values['mean_contrast_k']:+.5g}",
+            f"{values['std_k']:.3g}",
+            f"{values['optical_depth']:.4g}",
+            f"{values['transmission']:.4g}",
+        ]
+        for variant in found["variants"]
+        for target, values in variant["targets"].items()
+    ]
+    columns = ["variant", "target", "pixels", "contrast to air / K", "spread / K", "optical depth", "transmission"]
+    table(f"{found['scenario']}, seed {found['seed']}", columns, rows)
+    table("", ["stage", "seconds"], [[stage, f"{spent:.3f}"] for stage, spent in found["seconds"].items()])
+    table("", ["left out", "why"], [[item["stage"], item["reason"]] for item in found["left_out"]])
+    budget = [[part, f"{e['rms']:.2g}", f"{e['max']:.2g}", e["unit"]] for part, e in found["error_budget"].items()]
+    table("", ["error of", "rms", "max", "unit"], budget)
+    print(f"device: {found['device']}")
+    for warning in found["warnings"]:
+        print(f"note: {warning}")
+    for file in found["files"]:
+        print(f"wrote {file}")
+
+
+def plan(found: dict[str, Any]) -> None:
+    """Prints what a run would do."""
+    rows = [[stage["name"], "needed" if stage["needed"] else "left out", stage["reason"]] for stage in found["stages"]]
+    table(found["scenario"], ["stage", "", "why"], rows)
+    frequencies = found["frequencies_ghz"]
+    band = ", ".join(f"{f:g}" for f in frequencies[:8]) + (f", ... {frequencies[-1]:g}" if len(frequencies) > 8 else "")
+    print(f"frequencies: {band} GHz")
+    print(f"path moments: {found['moments']}")
+    print(f"error of the absorption polynomial: at most {found['surrogate_error']:.1e} of the mean air's absorption")
+    print(f"voxels crossed: about {found['voxel_segments']:,}")
+    print(f"memory at the peak: about {found['memory_bytes'] / 2**20:,.0f} MiB")
+    for warning in found["warnings"]:
+        print(f"note: {warning}")
