@@ -1,0 +1,1 @@
+"""Ready scenes; `thzcl scenarios` lists them."""

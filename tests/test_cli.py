@@ -1,0 +1,220 @@
+"""The commands as a user meets them: output, exit codes, messages, and what is left behind."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import os
+import resource
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+from conftest import ROOT
+from scenes import scene, write
+
+STAGES = [
+    "surrogate",
+    "humidity-field",
+    "temperature-field",
+    "trace",
+    "path-emission",
+    "ground",
+    "boxes",
+    "billboards",
+    "outgoing-path",
+    "optics",
+    "noise",
+    "figure",
+]
+
+
+def test_help_imports_nothing_heavy():
+    code = "import sys; from thzcl.cli import entry; entry(['--help']); print({'numpy', 'pyopencl'} & set(sys.modules))"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=ROOT, check=True)
+    assert done.stdout.strip().endswith("set()")
+    for command in ("run", "check", "plan", "absorption", "sensors", "scenarios", "new", "schema", "devices", "doctor"):
+        assert command in done.stdout
+
+
+def test_run_writes_what_it_says(thzcl_json, tmp_path):
+    found = thzcl_json("run", "quick")
+    assert found["files"] == ["quick.nc", "quick.png"]
+    assert {path.name for path in tmp_path.iterdir()} == {"quick.nc", "quick.png"}
+    assert (tmp_path / "quick.png").read_bytes().startswith(b"\x89PNG")
+    assert set(found) >= {"scenario", "files", "device", "seed", "seconds", "left_out", "warnings", "error_budget", "variants"}
+    assert {item["stage"] for item in found["left_out"]} < set(STAGES)
+    assert set(found["variants"][0]["targets"]["box"]) == {
+        "pixels", "mean_contrast_k", "std_k", "optical_depth", "transmission",
+    }  # fmt: skip
+    assert all(set(part) == {"rms", "max", "unit"} for part in found["error_budget"].values())
+
+
+def test_run_in_text_has_units_and_no_progress_in_a_pipe(thzcl_command):
+    done = thzcl_command("run", "quick", "--no-figure", "-o", "out")
+    assert done.returncode == 0
+    assert done.stderr == ""
+    assert "contrast to air / K" in done.stdout
+    assert "wrote out/quick.nc" in done.stdout
+    assert "\x1b" not in done.stdout
+    assert thzcl_command("run", "quick", "--no-figure", "--quiet").stdout == ""
+
+
+def test_set_and_variant_reach_the_run(thzcl_json):
+    found = thzcl_json("run", "figure6", "--variant", "(b) 268 K", "--set", "camera.pixels=[8,8]", "--no-figure")
+    assert [variant["name"] for variant in found["variants"]] == ["(b) 268 K"]
+    assert sum(target["pixels"] for target in found["variants"][0]["targets"].values()) == 64
+
+
+def test_a_result_runs_again(thzcl_command, tmp_path):
+    import h5netcdf
+
+    assert thzcl_command("run", "quick", "--no-figure", "--set", "camera.pixels=[20,10]").returncode == 0
+    assert thzcl_command("run", "quick.nc", "--no-figure", "-o", "again").returncode == 0
+    with h5netcdf.File(tmp_path / "quick.nc") as one, h5netcdf.File(tmp_path / "again" / "quick.nc") as other:
+        assert one["image"].shape == (1, 10, 20)
+        assert (one["image"][...] == other["image"][...]).all()
+        assert one.attrs["scenario_toml"] == other.attrs["scenario_toml"]
+
+
+def test_plan_tells_what_is_needed_and_computes_nothing(thzcl_json, tmp_path):
+    found = thzcl_json("plan", "figure6", env={"OCL_ICD_VENDORS": str(tmp_path / "nowhere")})  # no device is in reach
+    assert [stage["name"] for stage in found["stages"]] == STAGES
+    assert all(stage["reason"] for stage in found["stages"])
+    needed = {stage["name"] for stage in found["stages"] if stage["needed"]}
+    assert needed == {"surrogate", "humidity-field", "trace", "ground", "boxes", "figure"}
+    assert found["frequencies_ghz"] == [650.0]
+    assert set(found) >= {"memory_bytes", "voxel_segments", "moments", "surrogate_error"}
+    uniform = {stage["name"] for stage in thzcl_json("plan", "uniform")["stages"] if stage["needed"]}
+    assert uniform == {"surrogate", "ground", "boxes", "figure"}
+
+
+def test_check(thzcl_command, tmp_path):
+    assert "sound, 6 images" in thzcl_command("check", "figure6").stdout
+    done = thzcl_command("check", write(tmp_path, scene(camera__pixels=[0, 0], ground__temperature_k=-1.0)))
+    assert done.returncode == 2
+    assert len(done.stderr.splitlines()) == 3
+    assert "Traceback" not in done.stderr
+
+
+def test_absorption_in_every_form(thzcl_command, thzcl_json, tmp_path):
+    arguments = ("--frequency-ghz", "600:700:50", "--temperature-k", "280,290", "--relative-humidity-percent", "50")
+    records = thzcl_json("absorption", *arguments)["records"]
+    assert len(records) == 6
+    assert records[0]["total_db_km"] == pytest.approx(records[0]["dry_db_km"] + records[0]["vapour_db_km"])
+    assert {r["frequency_ghz"] for r in records} == {600, 650, 700}
+    rows = list(csv.DictReader(io.StringIO(thzcl_command("absorption", *arguments, "--format", "csv").stdout)))
+    assert [float(row["total_per_m"]) for row in rows] == [r["total_per_m"] for r in records]
+    done = thzcl_command("absorption", *arguments, "--figure", "a.png")
+    assert "total_db_km" in done.stdout
+    assert (tmp_path / "a.png").read_bytes().startswith(b"\x89PNG")
+    dry = thzcl_json("absorption", "--frequency-ghz", "600")["records"][0]
+    assert (dry["temperature_k"], dry["pressure_hpa"], dry["vapour_pressure_hpa"]) == (288.15, 1013.25, 0)
+    assert "stated to 1000 GHz" in thzcl_command("absorption", "--frequency-ghz", "1500").stderr
+
+
+WRONG = {
+    "no such scene": (("run", "figur6"), "did you mean figure6"),
+    "--set without value": (("run", "quick", "--set", "camera.pixels"), "write table.key=value"),
+    "--set of nothing known": (("plan", "quick", "--set", "camera.pixel=[1,1]"), "did you mean pixels"),
+    "frequency out of range": (("absorption", "--frequency-ghz", "2000"), "up to 1780 GHz"),
+    "frequency no number": (("absorption", "--frequency-ghz", "x"), "not a number"),
+    "two humidities": (
+        ("absorption", "--frequency-ghz", "600", "--relative-humidity-percent", "1", "--vapour-pressure-hpa", "1"),
+        "only one humidity",
+    ),
+    "too humid": (("absorption", "--frequency-ghz", "600", "--vapour-pressure-hpa", "2000"), "vapour pressure"),
+    "unknown model": (("absorption", "--frequency-ghz", "600", "--model", "itu"), "unknown absorption model"),
+    "no such sensor": (("sensors", "camera"), "no sensor"),
+    "no such command": (("rum",), "No such command"),
+    "no such option": (("run", "quick", "--fast"), "No such option"),
+    "file exists": (("new", "taken.toml"), "exists already"),
+    "no such folder": (("new", "nowhere/x.toml"), "No such file"),
+    "device": (("run", "quick", "--device", "99"), "there is no device 99"),
+}
+
+
+@pytest.mark.parametrize("case", WRONG)
+def test_wrong_input_is_explained_and_exits_2(thzcl_command, tmp_path, case):
+    (tmp_path / "taken.toml").touch()
+    arguments, expected = WRONG[case]
+    done = thzcl_command(*arguments)
+    assert done.returncode == (3 if case == "device" else 2)
+    assert expected in done.stderr.replace("\n", " ")
+    assert "Traceback" not in done.stderr
+    assert [path.name for path in tmp_path.iterdir()] == ["taken.toml"]
+
+
+def test_a_scene_too_large_is_refused_before_anything_is_allocated(thzcl_command):
+    big = ("--set", "camera.pixels=[16384,16384]", "--set", "camera.samples_per_pixel=16")
+    done = thzcl_command("run", "quick", *big)
+    assert done.returncode == 2
+    assert "GiB" in done.stderr
+    assert "lower grid, pixels" in done.stderr
+
+
+def test_an_unwritable_folder_is_named_before_the_work_is_done(thzcl_command, tmp_path):
+    (tmp_path / "file").touch()
+    done = thzcl_command("run", "quick", "-o", "file")
+    assert done.returncode == 2
+    assert "file" in done.stderr
+    assert "Traceback" not in done.stderr
+
+
+def test_a_full_disk_leaves_nothing_half_written(thzcl_command, tmp_path):
+    thzcl_command("run", "quick", "--no-figure", "-o", "warm")  # so that caches need not be written
+
+    def small_files_only():
+        resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, 100_000))
+
+    done = thzcl_command("run", "quick", "-o", "out", preexec_fn=small_files_only)
+    assert done.returncode == 2
+    assert "make room" in done.stderr
+    assert "Traceback" not in done.stderr
+    assert list((tmp_path / "out").iterdir()) == []
+
+
+def test_an_interrupt_exits_130_and_leaves_nothing(tmp_path):
+    scenario = write(tmp_path, scene(camera__pixels=[4000, 3000], background__max_range_m=2000.0, ground=None))
+    command = [sys.executable, "-m", "thzcl", "run", str(scenario), "-o", str(tmp_path / "out")]
+    environment = os.environ | {"PYTHONPATH": str(ROOT)}
+    with subprocess.Popen(command, env=environment, stderr=subprocess.PIPE, text=True) as process:
+        deadline = time.monotonic() + 60
+        while not (tmp_path / "out").exists() and time.monotonic() < deadline:
+            time.sleep(0.02)
+        time.sleep(0.3)
+        process.send_signal(signal.SIGINT)
+        _, errors = process.communicate(timeout=120)
+    assert process.returncode == 130
+    assert "interrupted" in errors
+    assert "Traceback" not in errors
+    assert list((tmp_path / "out").iterdir()) == []
+
+
+def test_a_reader_that_stops_reading_is_no_error(tmp_path):
+    command = f"{sys.executable} -m thzcl absorption --frequency-ghz 1:1000:0.1 --format csv | head -1"
+    environment = os.environ | {"PYTHONPATH": str(ROOT)}
+    done = subprocess.run(["/bin/sh", "-c", command], capture_output=True, text=True, cwd=tmp_path, env=environment, check=True)
+    assert done.stdout.startswith("frequency_ghz,")
+    assert done.stderr == ""
+
+
+def test_listings(thzcl_command, thzcl_json):
+    assert "figure6" in thzcl_command("scenarios").stdout
+    assert "passive-spectral" in thzcl_command("sensors").stdout
+    manual = thzcl_command("sensors", "passive-spectral").stdout
+    assert "frequency_ghz [GHz]" in manual
+    assert "O'Brien" in manual
+    assert json.loads(thzcl_command("schema").stdout)["title"] == "thzcl scenario"
+    assert thzcl_json("devices")["devices"][0]["name"]
+    healthy = thzcl_command("doctor")
+    assert healthy.returncode == 0
+    assert "AMISS" not in healthy.stdout
+
+
+def test_new_writes_a_scene_that_runs(thzcl_command):
+    assert thzcl_command("new", "mine.toml").returncode == 0
+    assert thzcl_command("run", "mine.toml", "--no-figure", "--quiet").returncode == 0
