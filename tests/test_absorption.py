@@ -58,7 +58,7 @@ def test_the_papers_table_at_600_ghz():
 
 
 def test_what_correcting_two_lines_changes():
-    """650 GHz falls by 1.2 to 1.5 %, 550 GHz by some 16 % (PHYSICS 1); another line's centre hardly at all."""
+    """650 GHz falls by 1.2 to 1.5 %, 550 GHz by some 16 % (PHYSICS 1)."""
     vapour = humidity.vapour_pressure_from_relative(50, 288.15)
 
     def change(ghz):
@@ -69,7 +69,6 @@ def test_what_correcting_two_lines_changes():
 
     assert -0.016 < change(650.0) < -0.012
     assert -0.18 < change(550.0) < -0.14
-    assert abs(change(183.31)) < 1e-4
 
 
 def test_negative_oxygen_wings_are_zero():
