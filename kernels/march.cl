@@ -52,27 +52,38 @@ typedef struct {
     reals here, end;   // ray parameter of the last crossing, and where the ray stops
 } march;
 
-static march march_start(__constant frame *cube, int width, int height, int log2n, __global const wide *reach, int first_ray)
+// The rays of a packet at their start. `reach` is how far the camera's ray goes, `end` how far the ray that is followed;
+// they are the same but for the outgoing way. `time` is when each ray is taken, in seconds.
+static march march_start(__constant frame *cube, int width, int height, int log2n, __global const wide *reach,
+                         __global const wide *end, __global const wide *time, int first_ray)
 {
     wide ox[LANES], oy[LANES], oz[LANES], dx[LANES], dy[LANES], dz[LANES];
-    real end[LANES];
+    real stop[LANES];
     for (int lane = 0; lane < LANES; ++lane) {
         const int ray = min(first_ray + lane, width * height - 1);
-        const point d = ray_direction(cube, width, height, ray);
-        ox[lane] = cube->origin.x;
-        oy[lane] = cube->origin.y;
-        oz[lane] = cube->origin.z;
+        const point d = follow_direction(cube, width, height, ray, reach[ray]);
+        point o = cube->origin;
+#ifdef MOTION
+        const wide period = 1 << log2n;
+        o = along(o, time[ray], cube->drift);
+        o.x -= period * floor(o.x / period);
+        o.y -= period * floor(o.y / period);
+        o.z -= period * floor(o.z / period);
+#endif
+        ox[lane] = o.x;
+        oy[lane] = o.y;
+        oz[lane] = o.z;
         dx[lane] = d.x;
         dy[lane] = d.y;
         dz[lane] = d.z;
-        end[lane] = (real)reach[ray];
+        stop[lane] = (real)end[ray];
     }
     march m;
     m.x = axis_start(ox, dx, 0, log2n);
     m.y = axis_start(oy, dy, log2n, log2n);
     m.z = axis_start(oz, dz, 2 * log2n, log2n);
     m.here = 0;
-    m.end = LOAD(end);
+    m.end = LOAD(stop);
     return m;
 }
 

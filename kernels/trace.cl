@@ -5,12 +5,13 @@
 // scene's frequencies is asked, whose coefficients `guard` holds, per metre.
 
 __kernel void trace(__global const real *restrict delta, __constant frame *cube, int width, int height, int log2n,
-                    __global const wide *restrict reach, __global const real *restrict stretch,
+                    __global const wide *reach, __global const wide *end, __global const wide *restrict time,
+                    __global const real *restrict stretch,
                     __global real *restrict path_length, __global int *restrict surface, __global real *restrict moments,
                     __global int *restrict segments, __constant real *guard, real cutoff)
 {
     const int packet = get_global_id(0), first_ray = packet * LANES, padded = get_global_size(0) * LANES;
-    march ray = march_start(cube, width, height, log2n, reach, first_ray);
+    march ray = march_start(cube, width, height, log2n, reach, end, time, first_ray);
     const reals metres = LOAD(stretch + first_ray);
     reals m[MOMENTS];
     for (int k = 0; k < MOMENTS; ++k) m[k] = 0;

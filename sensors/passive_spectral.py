@@ -16,6 +16,7 @@ class PassiveSpectral(Sensor):
     """
 
     name = "passive-spectral"
+    contract = 1
 
     class Params(Parameters):
         """Parameters of the passive spectral imager."""
@@ -26,9 +27,9 @@ class PassiveSpectral(Sensor):
         """The given frequencies."""
         return Needs(frequency_hz=np.unique(self.params.frequency_ghz) * 1e9)
 
-    def observe(self, radiances: Radiances, rng: np.random.Generator) -> Image:  # noqa: ARG002 (as above)
+    def observe(self, sight: Radiances, rng: np.random.Generator) -> Image:  # noqa: ARG002 (as above)
         """Brightness temperature in kelvin, averaged over the frequencies."""
-        return Image(radiances.brightness_temperature.mean(axis=0), unit="K", quantity="brightness temperature")
+        return Image(sight.brightness_temperature.mean(axis=0), unit="K", quantity="brightness temperature")
 
 
 @hookimpl

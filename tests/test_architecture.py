@@ -11,8 +11,8 @@ from conftest import ROOT
 # A module may import those that stand before it, in the flow's order, and none of those after.
 FLOW = [
     "thzcl", "files", "linker", "clock", "absorption", "scenario", "radiometry", "sensor", "hookspecs", "plugins",
-    "turbulence", "field_file", "geometry", "plan", "overview", "device", "field", "trace", "compute", "figure", "result",
-    "pipeline", "printing", "doctor", "cli", "__main__",
+    "turbulence", "field_file", "texture", "geometry", "optics", "plan", "overview", "device", "field", "trace", "compute",
+    "develop", "figure", "result", "pipeline", "printing", "doctor", "cli", "__main__",
 ]  # fmt: skip
 STRANGERS = [
     ("field", "trace"),

@@ -14,22 +14,37 @@ from thzcl import trace
 from thzcl.absorption import Surrogate, fit
 from thzcl.absorption.surrogate import HIGHEST_DEGREE
 from thzcl.clock import Clock
-from thzcl.device import Device
+from thzcl.device import Buffer, Device
 from thzcl.field import Field
-from thzcl.geometry import ROTATIONS, Geometry, cube_frame
-from thzcl.plan import SURROGATE_TOLERANCE, Group, VariantPlan, emitted
-from thzcl.sensor import Radiances
+from thzcl.geometry import Raster, cube_frame, world_frame
+from thzcl.plan import SURROGATE_TOLERANCE, Group, VariantPlan, sources
 from thzcl.trace import Ends, Guard, Medium, Paths, Shaded
 from thzcl.turbulence import Turbulence
 
+Array = NDArray[np.float64]
+FAINTEST = 1e-38  # transmission whose logarithm still is a number
+
 
 @dataclass(frozen=True)
-class Sight:
-    """What one variant's camera sees, the polynomial that it was computed with, and the voxels crossed for it."""
+class Lines:
+    """The rays of a group: from the camera, and from a transmitter of its own to what they meet."""
+
+    camera: Ends
+    outgoing: Ends | None
+
+
+@dataclass(frozen=True)
+class Capture:
+    """What the rays of one variant bring at one time: (band, row, column) or (row, column) of the raster, on the host."""
 
     variant: VariantPlan
-    radiances: Radiances
     surrogate: Surrogate
+    optical_depth: NDArray[Any]
+    contrast: NDArray[Any]  # radiance above the air's, or the part returned
+    path_length: NDArray[Any]
+    outgoing_length: NDArray[Any]
+    cosine: NDArray[Any] | None
+    surface: NDArray[Any]
     segments: int
 
 
@@ -48,32 +63,119 @@ def make_field(device: Device, variant: VariantPlan, clock: Clock) -> Field | No
     return cube
 
 
-def find_ends(device: Device, group: Group, clock: Clock) -> Ends:
-    """Where the rays of a group end; timed as what they are tested against."""
-    shape = group.first.geometry
-    with clock.stage("boxes" if len(shape.boxes) else "ground" if shape.ground else "trace"):
-        ends = trace.find_ends(device, shape, group.first.precision)
+def find_lines(device: Device, variant: VariantPlan, clock: Clock) -> Lines:
+    """Where a variant's rays end; timed as what they are tested against."""
+    shape, transmitter = variant.geometry, variant.needs.transmitter_m
+    last = "billboards" if len(shape.billboards) else "boxes" if len(shape.boxes) else "ground" if shape.ground else "trace"
+    with clock.stage(last):
+        ends = trace.find_ends(device, shape, variant.precision, cosine=variant.needs.slant)
         device.finish()
-    return ends
+    if transmitter is None:
+        return Lines(ends, None)
+    with clock.stage("outgoing-path"):
+        outgoing = trace.outgoing_ends(device, ends, transmitter, variant.precision)
+        device.finish()
+    return Lines(ends, outgoing)
 
 
-def sights(device: Device, group: Group, cube: Field | None, ends: Ends, clock: Clock) -> Iterator[Sight]:
-    """What the cameras of a group's variants see."""
+def captures(device: Device, group: Group, cube: Field | None, lines: Lines, clock: Clock) -> Iterator[list[Capture]]:
+    """What the cameras of a group's variants capture, at one time after the other."""
     with clock.stage("surrogate"):
         surrogates = _surrogates(group, cube)
-    if cube is None:
-        paths = trace.straight(ends)
-    elif group.first.isothermal:
-        paths = _trace(device, group, surrogates, cube, ends, clock)
-    else:
-        yield _emission(device, group.first, surrogates[0], cube, ends, group.cut, clock)
-        return
+    times = group.first.times_s
+    for sample in [None] if times is None else times:
+        media = [None if cube is None else _medium(device, group.first, cube, way, sample) for way in _ways(lines)]
+        if group.first.isothermal:
+            yield list(_isothermal(device, group, surrogates, media, lines, clock))
+        else:
+            yield [_emission(device, group, surrogates[0], [m for m in media if m is not None], lines, clock)]
+
+
+def _ways(lines: Lines) -> list[Ends]:
+    return [lines.camera] if lines.outgoing is None else [lines.camera, lines.outgoing]
+
+
+def _isothermal(
+    device: Device, group: Group, surrogates: list[Surrogate], media: list[Medium | None], lines: Lines, clock: Clock
+) -> Iterator[Capture]:
+    """One trace for every variant, and a shading each."""
+    guard = _guard(group, surrogates)
+    moments = max(surrogate.moments for surrogate in surrogates)
+    ways = []
+    for stage, ends, medium in zip(("trace", "outgoing-path"), _ways(lines), media, strict=False):
+        if medium is None:
+            ways.append(trace.straight(ends))
+            continue
+        with clock.stage(stage):
+            ways.append(trace.trace(device, ends, medium, moments, guard, group.first.precision))
+    paths = ways[0] if len(ways) == 1 else trace.there_and_back(device, *ways)
     for number, (variant, surrogate) in enumerate(zip(group.variants, surrogates, strict=True)):
         with clock.stage("shading"):
-            sources = emitted(variant.scene, variant.surfaces, variant.frequency_hz)
-            shaded = trace.shade(device, paths, surrogate, sources, variant.precision)
-            radiances = _radiances(variant, shaded)
-        yield Sight(variant, radiances, surrogate, 0 if number else paths.segments)
+            trips = 2 if variant.needs.reflection and len(ways) == 1 else 1
+            shaded = _shade(device, variant, paths, surrogate.coefficients[:, :, 0] * trips)
+            capture = _capture(variant, surrogate, shaded, ways, paths.surface, 0 if number else paths.segments, lines)
+        yield capture
+
+
+def _shade(device: Device, variant: VariantPlan, paths: Paths, coefficients: Array) -> tuple[Array, Array]:
+    """Optical depth and contrast on the host, (band, ray with padding)."""
+    table = sources(variant.scene, variant.needs, variant.surfaces, variant.frequency_hz)
+    if variant.weights is None:
+        shaded = trace.shade(device, paths, coefficients, table, variant.precision)
+        return shaded.depth.host(), shaded.contrast.host()
+    shaded = trace.shade_bands(device, paths, coefficients, table, variant.weights, variant.precision)
+    return _depth_of(shaded.depth.host()), shaded.contrast.host()
+
+
+def _depth_of(transmission: NDArray[Any]) -> Array:
+    return np.asarray(-np.log(np.maximum(transmission, FAINTEST)))
+
+
+def _emission(device: Device, group: Group, surrogate: Surrogate, media: list[Medium], lines: Lines, clock: Clock) -> Capture:
+    """Depth and radiance where temperature fluctuates, carried along the path."""
+    variant = group.first
+    table = sources(variant.scene, variant.needs, variant.surfaces, variant.frequency_hz)
+    path = not variant.needs.reflection
+    cutoff = variant.cutoff if group.cut else None
+    found: list[tuple[Paths, Shaded]] = []
+    for stage, ends, medium in zip(("path-emission", "outgoing-path"), _ways(lines), media, strict=False):
+        with clock.stage(stage):
+            tables = trace.emitting(surrogate, medium.temperature_span, table, path=path)
+            found.append(trace.trace_emission(device, ends, medium, tables, cutoff, variant.precision))
+            device.finish()
+    with clock.stage("shading"):
+        depths = [shaded.depth.host() for _, shaded in found]
+        contrast, surface = found[0][1].contrast.host(), found[0][0].surface
+        if variant.needs.reflection:
+            out = depths[-1]
+            contrast = contrast * np.exp(-out) * (found[-1][0].surface.host() > 0)
+            depths = [depths[0], out]
+        depth = sum(depths[1:], start=depths[0])
+        if variant.weights is not None:
+            depth, contrast = _depth_of(variant.weights @ np.exp(-depth)), variant.weights @ contrast
+        segments = sum(paths.segments for paths, _ in found)
+        return _capture(variant, surrogate, (depth, contrast), [p for p, _ in found], surface, segments, lines)
+
+
+def _capture(
+    variant: VariantPlan,
+    surrogate: Surrogate,
+    shaded: tuple[Array, Array],
+    ways: list[Paths],
+    surface: Buffer,
+    segments: int,
+    lines: Lines,
+) -> Capture:
+    raster = variant.geometry.raster
+    depth, contrast = (_raster(raster, values) for values in shaded)
+    back, out = (_raster(raster, paths.path_length.host()) for paths in (ways[0], ways[-1]))
+    cosine = _raster(raster, lines.camera.cosine.host()) if variant.needs.slant else None
+    return Capture(variant, surrogate, depth, contrast, back, out, cosine, _raster(raster, surface.host()), segments)
+
+
+def _raster(raster: Raster, values: NDArray[Any]) -> NDArray[Any]:
+    """Without the padding, in rows and columns."""
+    return values[..., : raster.rays].reshape(*values.shape[:-1], raster.rows, raster.columns)
 
 
 def _surrogates(group: Group, cube: Field | None) -> list[Surrogate]:
@@ -98,64 +200,32 @@ def _surrogates(group: Group, cube: Field | None) -> list[Surrogate]:
 
 
 def _fit(variant: VariantPlan, cube: Field, moments: int) -> Surrogate:
-    tolerance = SURROGATE_TOLERANCE[variant.precision]
     return fit(
         variant.surrogate.air,
         variant.frequency_hz,
         cube.humidity_span,
         cube.temperature_span,
-        tolerance=tolerance,
+        tolerance=SURROGATE_TOLERANCE[variant.precision],
         moments=moments,
     )
 
 
-def _trace(device: Device, group: Group, surrogates: list[Surrogate], cube: Field, ends: Ends, clock: Clock) -> Paths:
-    """Path moments for every variant of an isothermal group."""
-    guard = None
-    if group.cut:
-        thinnest = surrogates[group.variants.index(group.thinnest)]
-        row = thinnest.coefficients[:, :, 0][np.argmin(thinnest.coefficients[:, 0, 0])]
-        guard = Guard(tuple(row), group.cutoff)
-    moments = max(surrogate.moments for surrogate in surrogates)
-    with clock.stage("trace"):
-        return trace.trace(device, ends, _medium(group.first, cube), moments, guard, group.first.precision)
+def _guard(group: Group, surrogates: list[Surrogate]) -> Guard | None:
+    """The depth to watch: that of the frequency and air that absorb least."""
+    if not group.cut:
+        return None
+    thinnest = surrogates[group.variants.index(group.thinnest)].coefficients[:, :, 0]
+    return Guard(tuple(thinnest[np.argmin(thinnest[:, 0])]), group.cutoff)
 
 
-def _emission(
-    device: Device, variant: VariantPlan, surrogate: Surrogate, cube: Field, ends: Ends, cut: bool, clock: Clock
-) -> Sight:
-    with clock.stage("path-emission"):
-        sources = emitted(variant.scene, variant.surfaces, variant.frequency_hz)
-        cutoff = variant.cutoff if cut else None
-        medium = _medium(variant, cube)
-        shaded, segments = trace.trace_emission(device, ends, medium, surrogate, sources, cutoff, variant.precision)
-        return Sight(variant, _radiances(variant, shaded), surrogate, segments)
-
-
-def _medium(variant: VariantPlan, cube: Field) -> Medium:
-    frame = cube_frame(variant.geometry.frame, ROTATIONS[variant.orientation], cube.voxel_m, cube.grid)
-    return Medium(cube.delta, cube.offset, cube.temperature_span, frame, cube.grid)
-
-
-def _radiances(variant: VariantPlan, shaded: Shaded) -> Radiances:
-    """Averages over the samples of each pixel; the sample in its middle says what the pixel shows."""
-    shape = variant.geometry
-    flags = np.array([surface.target for surface in variant.surfaces], dtype=np.int32)
-    rows, columns = shape.raster.block
-    return Radiances(
-        frequency_hz=variant.frequency_hz,
-        contrast=_pixels(shape, shaded.contrast),
-        optical_depth=_pixels(shape, shaded.optical_depth),
-        path_length=_pixels(shape, shaded.path_length),
-        target=flags[shaded.surface[rows // 2 :: rows, columns // 2 :: columns]],
-        air_temperature_k=variant.scene.atmosphere.temperature_k,
-    )
-
-
-def _pixels(shape: Geometry, values: NDArray[Any]) -> NDArray[Any]:
-    """The mean over each pixel's block of samples."""
-    rows, columns = shape.raster.block
-    if rows == columns == 1:
-        return values
-    height, width = shape.raster.pixels
-    return np.asarray(values.reshape(*values.shape[:-2], height, rows, width, columns).mean(axis=(-3, -1)))
+def _medium(device: Device, variant: VariantPlan, cube: Field, ends: Ends, times_s: Array | None) -> Medium:
+    """The cube as the rays of one way cross it."""
+    start = np.array(variant.needs.transmitter_m) if ends.outgoing else None
+    world = world_frame(variant.geometry.frame, start)
+    frame = cube_frame(world, variant.orientation, cube.voxel_m, cube.grid, variant.wind_m_s)
+    time = None
+    if times_s is not None:
+        raster = variant.geometry.raster
+        spread = np.pad(times_s.repeat(raster.block[0], 0).repeat(raster.block[1], 1), raster.margin, mode="edge")
+        time = device.put(np.pad(spread.ravel(), (0, ends.rays - raster.rays)), device.wide)
+    return Medium(cube.delta, cube.offset, cube.temperature_span, frame, cube.grid, time)

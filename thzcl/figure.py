@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -16,42 +16,68 @@ DOTS_PER_INCH = 150
 STRETCH_PERCENT = (0.1, 99.9)  # of the pixels, between black and white
 
 
+class Panel(NamedTuple):
+    """One picture among the others."""
+
+    title: str
+    values: Any
+    quantity: str
+    unit: str
+    colours: str
+
+
 def picture(result: Result, path: Path) -> None:
-    """Writes a PNG with one panel for each variant."""
+    """Writes a PNG with one panel for each variant, and one for their difference where asked for."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    images = [(v.name, v.image, words) for v, words in zip(result.variants, result.conditions, strict=True) if v.image]
-    columns = math.ceil(math.sqrt(len(images)))
-    rows = math.ceil(len(images) / columns)
-    height, width = images[0][1].values.shape
+    panels, heading = _panels(result)
+    columns = result.figure_columns or math.ceil(math.sqrt(len(panels)))
+    rows = math.ceil(len(panels) / columns)
+    height, width = panels[0].values.shape
     tall = PANEL_INCHES * min(max(height / width, 0.3), 3.0) + 0.6
     figure = Figure(figsize=(columns * (PANEL_INCHES + 1.0), rows * tall + 0.4), layout="constrained")
     FigureCanvasAgg(figure)
-    same = len({words for _, _, words in images}) == 1
-    figure.suptitle(f"{result.scenario}: {images[0][2]}" if same else result.scenario, fontsize=11)
+    figure.suptitle(heading, fontsize=11)
     axes = figure.subplots(rows, columns, squeeze=False)
-    for (name, image, words), ax in zip(images, axes.flat, strict=False):
-        _panel(figure, ax, result, image)
-        ax.set_title(name if same else f"{name}\n{words}", fontsize=9)
-    for ax in axes.flat[len(images) :]:
+    for panel, ax in zip(panels, axes.flat, strict=False):
+        _draw(figure, ax, result.pixel_angles_mrad, panel)
+    for ax in axes.flat[len(panels) :]:
         ax.set_axis_off()
     figure.savefig(path, dpi=DOTS_PER_INCH, format="png")
 
 
-def _panel(figure: Any, ax: Any, result: Result, image: Any) -> None:
-    x, y = result.pixel_angles_mrad
-    low, high = np.percentile(image.values, STRETCH_PERCENT)
+def _panels(result: Result) -> tuple[list[Panel], str]:
+    """The panels, and the heading above them all: their conditions stand there if they share them."""
+    images = [(v.name, v.image, words) for v, words in zip(result.variants, result.conditions, strict=True) if v.image]
+    same = len({words for _, _, words in images}) == 1
+    found = [
+        Panel(name if same else f"{name}\n{words}", image.values, image.quantity, image.unit, "gray")
+        for name, image, words in images
+    ]
+    difference = result.image_difference()
+    if difference is not None and result.difference is not None:
+        title = " less ".join(result.difference)
+        found.append(Panel(title, difference, f"difference of {found[0].quantity}", found[0].unit, "RdBu_r"))
+    return found, f"{result.scenario}: {images[0][2]}" if same else result.scenario
+
+
+def _draw(figure: Any, ax: Any, angles_mrad: tuple[Any, Any], panel: Panel) -> None:
+    x, y = angles_mrad
+    low, high = np.percentile(panel.values, STRETCH_PERCENT)
+    if panel.colours != "gray":
+        low, high = -max(-low, high), max(-low, high)
     if low == high:
         low, high = low - 0.5, high + 0.5
     half_x, half_y = _half_step(x), _half_step(y)
     extent = (x[0] - half_x, x[-1] + half_x, y[-1] - half_y, y[0] + half_y)
-    shown = ax.imshow(image.values, cmap="gray", vmin=low, vmax=high, extent=extent, interpolation="nearest")
+    shown = ax.imshow(panel.values, cmap=panel.colours, vmin=low, vmax=high, extent=extent, interpolation="nearest")
+    ax.set_title(panel.title, fontsize=8 if "\n" in panel.title else 9)
     ax.tick_params(labelsize=7)
     ax.set_xlabel("mrad", fontsize=7)
     bar = figure.colorbar(shown, ax=ax, shrink=0.85)
     bar.ax.tick_params(labelsize=7)
-    bar.set_label(f"{image.quantity} / {image.unit}" if image.unit != "1" else image.quantity, fontsize=7)
+    bar.set_label(panel.quantity if panel.unit == "1" else f"{panel.quantity} / {panel.unit}", fontsize=7)
 
 
 def _half_step(angles: Any) -> float:

@@ -1,4 +1,4 @@
-"""Files that are written whole or not at all."""
+"""Files: written whole or not at all; small tables read."""
 
 from __future__ import annotations
 
@@ -6,6 +6,13 @@ import os
 from collections.abc import Callable
 from pathlib import Path
 from tempfile import NamedTemporaryFile
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+LARGEST_TABLE = 64_000_000  # bytes
 
 
 def make_folder(folder: Path) -> None:
@@ -28,3 +35,46 @@ def write_whole(path: Path, write: Callable[[Path], object]) -> None:
     except BaseException:  # an interrupt too leaves nothing half written
         part.unlink(missing_ok=True)
         raise
+
+
+def inside(folder: Path, name: str, *, allow_outside: bool) -> Path:
+    """The file of that name, seen from a folder; not outside of it unless allowed. Raises ValueError."""
+    path = folder / name
+    if not allow_outside and not path.resolve().is_relative_to(folder.resolve()):
+        raise ValueError(f"{name}: leads out of the scenario's folder; move it there, or pass --allow-outside")
+    return path
+
+
+def read_table(path: Path) -> NDArray[np.float64]:
+    """The rows of numbers of a CSV file, (row, column); lines of "#" and a line of names at the top are passed over.
+
+    Raises ValueError naming the line that is not like the others.
+    """
+    import numpy as np
+
+    try:
+        if path.stat().st_size > LARGEST_TABLE:
+            raise ValueError(f"{path}: larger than {LARGEST_TABLE / 1e6:g} MB; give a shorter table")
+        lines = path.read_text(encoding="utf-8").splitlines()
+    except OSError as error:
+        raise ValueError(f"{path}: cannot be read: {error.strerror}; paths start from the scenario's folder") from None
+    except UnicodeDecodeError:
+        raise ValueError(f"{path}: not a text file; give comma-separated numbers") from None
+    rows: list[list[float]] = []
+    named = False
+    for number, line in enumerate(lines, start=1):
+        if not line.strip() or line.startswith("#"):
+            continue
+        try:
+            row = [float(cell) for cell in line.split(",")]
+        except ValueError:
+            if rows or named:
+                raise ValueError(f"{path}:{number}: not comma-separated numbers: {line.strip()[:60]}") from None
+            named = True
+            continue
+        if rows and len(row) != len(rows[0]):
+            raise ValueError(f"{path}:{number}: {len(row)} columns, the lines before have {len(rows[0])}")
+        rows.append(row)
+    if not rows:
+        raise ValueError(f"{path}: holds no numbers; give comma-separated columns")
+    return np.array(rows)

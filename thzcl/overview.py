@@ -10,7 +10,7 @@ import numpy as np
 
 from thzcl.absorption.mpm93 import STATED_TO_GHZ
 from thzcl.geometry import ROTATIONS
-from thzcl.plan import DEPTH_CHECKED_EVERY, EMISSION_AT_ONCE, Group, Plan, VariantPlan, by_key
+from thzcl.plan import DEPTH_CHECKED_EVERY, Group, Plan, VariantPlan, by_key
 from thzcl.turbulence import Turbulence
 
 
@@ -28,28 +28,45 @@ def stages(plan: Plan, figure: bool = True) -> list[Stage]:
     variants = plan.variants
     cubes = by_key((v for v in variants if v.field), lambda v: v.field)
     traced = [group for group in plan.groups if group.first.field and group.first.isothermal]
-    emitting = [v for v in variants if not v.isothermal]
-    ground = [v for v in variants if v.scene.ground]
-    boxes = max(len(v.geometry.boxes) for v in variants)
+    warm = [v for v in variants if not v.isothermal]
     absorbing = [v for v in variants if v.scene.atmosphere.model != "none"]
     return [
         _stage("surrogate", absorbing, _surrogate(plan), 'model = "none": air that absorbs nothing'),
         _stage("humidity-field", cubes, f"{_count(len(cubes), 'cube')} for {_images(variants)}", _no_field(variants[0])),
-        _stage("temperature-field", emitting, "temperature fluctuates too", "air temperature does not fluctuate"),
+        _stage("temperature-field", warm, "temperature fluctuates too", "air temperature does not fluctuate"),
         _stage(
             "trace",
             traced,
             f"{_count(len(traced), 'trace')} of {_count(plan.moments, 'path moment')} for {_images(variants)}",
-            "path emission carries the depth along" if emitting else "uniform air: the path's length is all that counts",
+            "path emission carries the depth along" if warm else "uniform air: the path's length is all that counts",
         ),
-        _stage("path-emission", emitting, "temperature fluctuates", "isothermal air: emission follows from optical depth"),
-        _stage("ground", ground, "the scene has a ground", "no [ground]: no ground test in the kernel"),
-        _stage("boxes", boxes, f"{_count(boxes, 'box', 'boxes')}", "no box targets: no box test in the kernel"),
-        _stage("billboards", False, "", "no billboard targets"),
-        _stage("outgoing-path", False, "", "passive sensor: nothing is sent out"),
-        _stage("optics", False, "", "the sensor asks for none"),
-        _stage("noise", False, "", "a noiseless sensor"),
+        _stage("path-emission", warm, "temperature fluctuates", "isothermal air: emission follows from optical depth"),
+        *_surface_stages(variants),
+        *_sensor_stages(variants),
         _stage("figure", figure, "a picture of every variant", "not asked for"),
+    ]
+
+
+def _surface_stages(variants: tuple[VariantPlan, ...]) -> list[Stage]:
+    boxes, boards = (max(len(getattr(v.geometry, name)) for v in variants) for name in ("boxes", "billboards"))
+    ground = any(v.scene.ground for v in variants)
+    return [
+        _stage("ground", ground, "the scene has a ground", "no [ground]: no ground test in the kernel"),
+        _stage("boxes", boxes, _count(boxes, "box", "boxes"), "no box targets: no box test in the kernel"),
+        _stage("billboards", boards, _count(boards, "billboard"), "no billboards: no texture in the kernel"),
+    ]
+
+
+def _sensor_stages(variants: tuple[VariantPlan, ...]) -> list[Stage]:
+    sent = any(v.needs.transmitter_m is not None for v in variants)
+    active = any(v.needs.reflection for v in variants)
+    passive = "monostatic: out and back through the same voxels" if active else "passive sensor: nothing is sent out"
+    blurred = [v for v in variants if v.needs.optics is not None]
+    rays = max(v.geometry.raster.rays / math.prod(v.geometry.raster.pixels) for v in variants)
+    return [
+        _stage("outgoing-path", sent, "bistatic: from the transmitter to what is seen", passive),
+        _stage("optics", blurred, f"{rays:.3g} rays a pixel, the margin included", "no [sensor.optics]"),
+        _stage("noise", any(v.needs.noise for v in variants), "drawn by the sensor, from the seed", "a noiseless sensor"),
     ]
 
 
@@ -91,8 +108,7 @@ def voxel_segments(plan: Plan) -> int:
         voxels = lengths * per_metre + 1
         checks = np.ceil((group.visible_m * per_metre + 1) / DEPTH_CHECKED_EVERY)
         voxels = np.minimum(voxels, checks * DEPTH_CHECKED_EVERY)
-        passes = 1 if group.first.isothermal else -(-len(group.first.frequency_hz) // EMISSION_AT_ONCE)
-        total += float(np.mean(voxels)) * group.first.geometry.raster.rays * passes
+        total += float(np.mean(voxels)) * group.first.geometry.raster.rays * group.passes
     return round(total)
 
 
@@ -108,6 +124,7 @@ def _arrays(group: Group) -> Iterator[int]:
     first = group.first
     real = 4 if first.precision == "float32" else 8
     rays, count = first.geometry.raster.rays, len(first.frequency_hz)
+    count = count if first.weights is None or not first.isothermal else len(first.weights)
     yield from (8 * rays, real * rays, real * rays, 4 * rays)
     yield from (real * rays * count,) * 2
     if first.field is None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import platform
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -14,19 +14,30 @@ import numpy as np
 import thzcl
 from thzcl import overview, plugins, scenario
 from thzcl.clock import Clock, Progress
-from thzcl.field_file import CubeError
 from thzcl.geometry import FIRST_TARGET, ROTATIONS
-from thzcl.plan import Plan, VariantPlan, by_key, make_plan
+from thzcl.plan import Plan, PlanError, VariantPlan, by_key, make_plan
 from thzcl.result import Cube, Result, VariantResult
-from thzcl.scenario import Document, Scenario, ScenarioError, Trouble
-from thzcl.sensor import Image, Radiances
+from thzcl.scenario import Document, ScenarioError, Trouble
+from thzcl.sensor import Echoes, Image, Radiances
 
 if TYPE_CHECKING:
-    from thzcl.compute import Sight
+    from thzcl.absorption import Surrogate
     from thzcl.device import Device
     from thzcl.field import Field
 
+Sight = Radiances | Echoes
 PACKAGES = ("numpy", "scipy", "pyopencl", "reikna", "pluggy", "pydantic", "h5netcdf")
+
+
+@dataclass(frozen=True)
+class Seen:
+    """What one variant's camera sees, and what is to be known of how it was computed."""
+
+    sight: Sight
+    surrogate: Surrogate
+    cube: Field | None  # where it is to be saved
+    notes: tuple[str, ...]
+    segments: int
 
 
 class NumbersError(Exception):
@@ -37,15 +48,26 @@ class NumbersError(Exception):
         self.result = result
 
 
-def prepare(source: str | Path, settings: Mapping[str, Any] | None = None, variants: Sequence[str] = ()) -> Plan:
-    """Reads and checks a scenario and plans its run. Raises ScenarioError with every problem at once."""
+def prepare(
+    source: str | Path,
+    settings: Mapping[str, Any] | None = None,
+    variants: Sequence[str] = (),
+    *,
+    allow_outside: bool = False,
+) -> Plan:
+    """Reads and checks a scenario and plans its run.
+
+    Raises ScenarioError with every problem at once, or SensorFailure.
+    """
     document = scenario.read(source, settings)
-    parsed = scenario.parse(document, plugins.troubles, variants)
-    _check_together(document, parsed)
+    parsed = scenario.parse(document, plugins.troubles, variants, allow_outside=allow_outside)
+    sensors = [plugins.make(variant.scene.sensor.model_dump()) for variant in parsed.variants]
     try:
-        return make_plan(parsed, [plugins.make(variant.scene.sensor) for variant in parsed.variants])
-    except CubeError as error:
+        plan = make_plan(parsed, sensors)
+    except PlanError as error:
         raise ScenarioError([str(error)]) from None
+    _check_together(document, plan)
+    return plan
 
 
 def run(
@@ -55,71 +77,98 @@ def run(
     variants: Sequence[str] = (),
     device: str | None = None,
     figure: bool = True,
+    allow_outside: bool = False,
     progress: Progress | None = None,
 ) -> Result:
     """Computes the images of a scenario: a TOML file, a result to run again, or the name of a shipped scene.
 
     `settings` changes keys ({"targets.box.temperature_k": 300.0}), `variants` picks some by name, `device` is a number or
-    part of a name; `figure` says whether a picture will be wanted. Nothing is written: see Result.save and Result.figure.
-    Raises ScenarioError for bad input, DeviceError without a usable device, NumbersError if a sensor fails.
+    part of a name; `figure` says whether a picture will be wanted; `allow_outside` lets pictures and tables lie outside the
+    scenario's folder. Nothing is written: see Result.save and Result.figure. Raises ScenarioError for bad input, DeviceError
+    without a usable device, SensorFailure and NumbersError if a sensor fails.
     """
     clock = Clock(progress)
     with clock.stage("plan"):
-        plan = prepare(source, settings, variants)
+        plan = prepare(source, settings, variants, allow_outside=allow_outside)
     with clock.stage("device"):
         from thzcl.device import open_device
 
         opened = open_device(device)
     _check_memory(plan, opened)
-    sights, cubes, notes = _see(plan, opened, clock)
-    result = _result(plan, opened, sights, cubes, notes, clock, figure)
+    seen = _see(plan, opened, clock)
+    result = _result(plan, opened, seen, clock, figure)
     images = []
     for number, variant in enumerate(plan.variants):
-        radiances = sights[variant.name].radiances
+        sight = seen[variant.name].sight
         with clock.stage("sensor"):
-            image = _observe(variant, radiances, np.random.Generator(np.random.Philox(key=[result.seed, number])), result)
-        images.append(VariantResult(variant.name, radiances, image))
+            image = _observe(variant, sight, np.random.Generator(np.random.Philox(key=[result.seed, number])), result)
+        images.append(VariantResult(variant.name, sight, image))
     return replace(result, variants=tuple(images))
 
 
-def _see(plan: Plan, device: Device, clock: Clock) -> tuple[dict[str, Sight], dict[str, Field], list[str]]:
-    """What every variant's camera sees, by name; the cubes to be saved; and what there is to note about them."""
+def _see(plan: Plan, device: Device, clock: Clock) -> dict[str, Seen]:
+    """What every variant's camera sees, by name."""
     from thzcl import compute
+    from thzcl.develop import develop
 
-    sights: dict[str, Sight] = {}
-    cubes: dict[str, Field] = {}
-    notes: list[str] = []
-    ends: dict[object, Any] = {}
+    seen: dict[str, Seen] = {}
+    lines: dict[object, Any] = {}
     for sharing in by_key(plan.groups, lambda group: (group.first.field, group.first.precision)).values():
         cube = compute.make_field(device, sharing[0].first, clock)
-        notes += cube.notes if cube else ()
         for group in sharing:
             key = group.first.rays_key
-            if key not in ends:
-                ends[key] = compute.find_ends(device, group, clock)
-            for sight in compute.sights(device, group, cube, ends[key], clock):
-                sights[sight.variant.name] = sight
-                if cube is not None and sight.variant.scene.output.save_field:
-                    cubes[sight.variant.name] = cube
-    return sights, cubes, list(dict.fromkeys(notes))
+            if key not in lines:
+                lines[key] = compute.find_lines(device, group.first, clock)
+            for of_one in zip(*compute.captures(device, group, cube, lines[key], clock), strict=True):
+                variant = of_one[0].variant
+                sight = develop(of_one, clock)
+                kept = cube if variant.scene.output.save_field else None
+                segments = sum(capture.segments for capture in of_one)
+                seen[variant.name] = Seen(sight, of_one[0].surrogate, kept, cube.notes if cube else (), segments)
+    return seen
 
 
-def _check_together(document: Document, parsed: Scenario) -> None:
-    """What the sensor asks of the scene, and the variants of each other. Raises ScenarioError."""
+def _check_together(document: Document, plan: Plan) -> None:
+    """What the sensors ask of the scenes, and the variants of each other. Raises ScenarioError."""
     troubles = []
-    for variant in parsed.variants:
+    first = plan.variants[0]
+    for variant in plan.variants:
         scene = variant.scene
-        if scene.ground is not None and scene.ground.temperature_k is None:
-            troubles.append(Trouble(("ground", "temperature_k"), "missing; a passive sensor sees the ground's emission"))
-        for name, target in scene.targets.items():
-            if target.temperature_k is None:
-                text = "missing; a passive sensor sees the target's emission"
-                troubles.append(Trouble(("targets", name, "temperature_k"), text))
-        if scene.camera.pixels != parsed.variants[0].scene.camera.pixels:
+        troubles += _transmitter_troubles(variant) if variant.needs.reflection else _temperature_troubles(scene)
+        if scene.camera.pixels != first.scene.camera.pixels:
             text = "all variants must have the same pixels, to stand in one file; run them apart with --variant"
             troubles.append(Trouble(("camera", "pixels"), text))
+        bands = [len(v.frequency_hz) if v.weights is None else len(v.weights) for v in (first, variant)]
+        if bands[0] != bands[1] or variant.needs.reflection != first.needs.reflection:
+            text = "all variants must be of one kind, with as many frequencies, to stand in one file; use --variant"
+            troubles.append(Trouble(("sensor",), text))
     if troubles:
         raise ScenarioError(document.problems(troubles))
+
+
+def _temperature_troubles(scene: scenario.Scene) -> list[Trouble]:
+    """A passive sensor sees the emission of everything: all must have temperatures."""
+    found = []
+    if scene.ground is not None and scene.ground.temperature_k is None:
+        found.append(Trouble(("ground", "temperature_k"), "missing; a passive sensor sees the ground's emission"))
+    for name, target in scene.targets.items():
+        if target.temperature_k is None and getattr(target, "quantity", "") != "temperature":
+            text = "missing; a passive sensor sees the target's emission"
+            found.append(Trouble(("targets", name, "temperature_k"), text))
+    return found
+
+
+def _transmitter_troubles(variant: VariantPlan) -> list[Trouble]:
+    """A transmitter stands in the open."""
+    place, found = variant.needs.transmitter_m, []
+    if place is None:
+        return []
+    if variant.scene.ground is not None and place[2] <= 0:
+        found.append(Trouble(("sensor",), f"the transmitter is at z = {place[2]:g} m, not above the ground; raise it"))
+    for name, target in variant.scene.targets.items():
+        if isinstance(target, scenario.Box) and target.holds(place):
+            found.append(Trouble(("sensor",), f'the transmitter stands inside the target "{name}"; move it'))
+    return found
 
 
 def _check_memory(plan: Plan, device: Device) -> None:
@@ -134,19 +183,19 @@ def _check_memory(plan: Plan, device: Device) -> None:
         raise ScenarioError([f"{plan.scenario.name}: needs one array of {largest / 2**30:.1f} GiB, but {have}; {advice}"])
 
 
-def _observe(variant: VariantPlan, radiances: Radiances, rng: np.random.Generator, so_far: Result) -> Image:
+def _observe(variant: VariantPlan, sight: Sight, rng: np.random.Generator, so_far: Result) -> Image:
     """The sensor's image, checked. Raises NumbersError naming the plugin, the radiances kept."""
 
     def failed(reason: str) -> NumbersError:
         return NumbersError(f"{plugins.describe(variant.scene.sensor.kind)}, {variant.name}: {reason}", so_far)
 
     try:
-        image = variant.sensor.observe(radiances, rng)
+        image = variant.sensor.observe(sight, rng)
     except Exception as error:  # whatever a stranger's sensor raises
         raise failed(f"{type(error).__name__}: {error}") from error
     if not isinstance(image, Image):
         raise failed(f"returned {type(image).__name__} instead of an Image")
-    shape = radiances.target.shape
+    shape = sight.target.shape
     layers = {"image": image.values} | {name: layer.values for name, layer in image.layers.items()}
     for name, values in layers.items():
         if np.shape(values) != shape:
@@ -156,40 +205,43 @@ def _observe(variant: VariantPlan, radiances: Radiances, rng: np.random.Generato
     return image
 
 
-def _result(
-    plan: Plan,
-    device: Device,
-    sights: Mapping[str, Sight],
-    cubes: Mapping[str, Field],
-    notes: list[str],
-    clock: Clock,
-    figure: bool,
-) -> Result:
+def _result(plan: Plan, device: Device, seen: Mapping[str, Seen], clock: Clock, figure: bool) -> Result:
     """Everything but the images."""
-    scene = plan.variants[0].scene
+    first = plan.variants[0]
     names = ("background", "ground", *max((v.scene.targets for v in plan.variants), key=len))
-    errors = [sight.surrogate.measured_error() for sight in sights.values()]
+    notes = dict.fromkeys(note for one in seen.values() for note in one.notes)
     left_out = [stage for stage in overview.stages(plan, figure) if not stage.needed]
     return Result(
         scenario=plan.scenario.name,
         scenario_toml=plan.scenario.text,
         scenario_folder=str(plan.scenario.folder.resolve()),
-        variants=tuple(VariantResult(v.name, sights[v.name].radiances, None) for v in plan.variants),
+        variants=tuple(VariantResult(v.name, seen[v.name].sight, None) for v in plan.variants),
         targets=names,
-        pixel_angles_mrad=_angles(scene.camera),
-        conditions=tuple(_conditions(v, sights[v.name].radiances) for v in plan.variants),
-        grid_rotation=ROTATIONS[plan.variants[0].orientation],
+        pixel_angles_mrad=_angles(first.scene.camera),
+        conditions=tuple(_conditions(v, seen[v.name].sight) for v in plan.variants),
+        figure_columns=first.scene.output.figure_columns,
+        difference=first.scene.output.difference,
+        grid_rotation=ROTATIONS[first.orientation],
         device=f"{device.info.name} ({device.info.driver})",
         seed=plan.scenario.seed,
         build_options=tuple(device.build_options),
         seconds=clock.seconds,
         left_out=tuple({"stage": stage.name, "reason": stage.reason} for stage in left_out),
-        warnings=tuple(overview.warnings(plan) + notes),
-        error_budget={"surrogate": {"rms": max(errors), "max": max(errors), "unit": "of the mean absorption"}},
-        voxel_segments=sum(sight.segments for sight in sights.values()),
+        warnings=tuple(overview.warnings(plan) + list(notes)),
+        error_budget=_errors(plan, seen),
+        voxel_segments=sum(one.segments for one in seen.values()),
         versions=_versions(),
-        cubes=_cubes(plan, cubes),
+        cubes=_cubes(plan, seen),
     )
+
+
+def _errors(plan: Plan, seen: Mapping[str, Seen]) -> dict[str, dict[str, Any]]:
+    """What is known of the errors made, by part."""
+    found = {"surrogate": max((one.surrogate.measured_error(), "of the mean absorption") for one in seen.values())}
+    for variant in plan.variants:
+        for part, error in variant.needs.errors.items():
+            found[part] = max(error, found.get(part, error))
+    return {part: {"rms": size, "max": size, "unit": unit} for part, (size, unit) in found.items()}
 
 
 def _angles(camera: scenario.Camera) -> tuple[np.ndarray[Any, Any], np.ndarray[Any, Any]]:
@@ -200,23 +252,23 @@ def _angles(camera: scenario.Camera) -> tuple[np.ndarray[Any, Any], np.ndarray[A
     return 1e3 * np.arctan2(right, camera.focal_length_mm), 1e3 * np.arctan2(up, camera.focal_length_mm)
 
 
-def _conditions(variant: VariantPlan, radiances: Radiances) -> str:
+def _conditions(variant: VariantPlan, sight: Sight) -> str:
     """Frequency, range and air in words, for a picture's title."""
     air = variant.scene.atmosphere.air
     ghz = variant.frequency_hz / 1e9
-    band = f"{ghz[0]:g} GHz" if len(ghz) == 1 else f"{len(ghz)} frequencies {ghz[0]:g}-{ghz[-1]:g} GHz"
-    on_target = radiances.target >= FIRST_TARGET
+    band = f"{ghz[0]:g} GHz" if len(ghz) == 1 else f"{ghz[0]:.4g}-{ghz[-1]:.4g} GHz"
+    on_target = sight.target >= FIRST_TARGET
     seen = on_target if on_target.any() else np.ones_like(on_target)
-    metres = float(np.median(radiances.path_length[seen]))
+    metres = float(np.median(sight.path_length[seen]))
     state = f"{air.temperature_k:g} K, {air.relative_humidity_percent:.3g} % RH, {air.absolute_humidity_g_m3:.3g} g/m³"
     return f"{band}, {metres:.3g} m, {state}, {air.pressure_hpa:g} hPa"
 
 
-def _cubes(plan: Plan, cubes: Mapping[str, Field]) -> tuple[Cube, ...]:
+def _cubes(plan: Plan, seen: Mapping[str, Seen]) -> tuple[Cube, ...]:
     """The saved cubes: in the units of each variant's air, once if all are the same."""
     saved = []
     for variant in plan.variants:
-        cube = cubes.get(variant.name)
+        cube = seen[variant.name].cube
         if cube is None:
             return ()
         air = variant.scene.atmosphere.air

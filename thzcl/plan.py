@@ -8,18 +8,20 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from thzcl import field_file, geometry, radiometry
+from thzcl import field_file, files, geometry, optics, plugins, radiometry
 from thzcl.absorption import Air, Surrogate, fit
+from thzcl.absorption.mpm93 import REFUSED_ABOVE_GHZ
 from thzcl.field_file import CubeFile
 from thzcl.geometry import Geometry, Surface
+from thzcl.plugins import SensorFailure
 from thzcl.scenario import Scenario, Scene
 from thzcl.sensor import Needs, Sensor, View
 from thzcl.turbulence import Turbulence, turbulence
@@ -32,6 +34,10 @@ NEGLIGIBLE = 1e-7  # of the air's radiance: what a ray past its cut-off depth co
 SMALLEST_CUTOFF = 16.0
 DEPTH_CHECKED_EVERY = 16  # voxels, where rays can reach the cut-off depth
 EMISSION_AT_ONCE = 8  # frequencies that one pass through fluctuating temperature carries
+
+
+class PlanError(ValueError):
+    """A scenario cannot be run as it is; the text says why."""
 
 
 @dataclass(frozen=True)
@@ -68,11 +74,12 @@ class VariantPlan:
     sensor: Sensor
     needs: Needs
     frequency_hz: Array
+    weights: Array | None  # (band, frequency), rows of sum 1
     geometry: Geometry
     surfaces: list[Surface]
     field: FieldPlan | None
     surrogate: Surrogate
-    cutoff: float  # optical depth at which its rays end
+    cutoff: float  # optical depth, along the camera's ray, at which it ends
 
     @property
     def isothermal(self) -> bool:
@@ -91,6 +98,25 @@ class VariantPlan:
         return fluctuations.grid_orientation if fluctuations else "aligned"
 
     @property
+    def wind_m_s(self) -> Array:
+        """What carries the cube along."""
+        fluctuations = self.scene.atmosphere.fluctuations
+        return np.array(fluctuations.wind_m_s if fluctuations else (0.0, 0.0, 0.0))
+
+    @cached_property
+    def times_s(self) -> Array | None:
+        """When each pixel is taken, (sample, y, x); None where that makes no difference."""
+        if self.needs.times_s is None or self.field is None or not self.wind_m_s.any():
+            return None
+        times = np.asarray(self.needs.times_s, dtype=np.float64)
+        return np.broadcast_to(times, (len(times), *self.geometry.raster.pixels))
+
+    @property
+    def pixel_rad(self) -> tuple[float, float]:
+        """Width and height of a pixel at the image centre."""
+        return pixel_angles(self.scene)
+
+    @property
     def thinnest(self) -> float:
         """The mean air's absorption at the frequency where it is least, 1/m."""
         return float(self.surrogate.coefficients[:, 0, 0].min())
@@ -98,12 +124,13 @@ class VariantPlan:
     @property
     def rays_key(self) -> object:
         """Equal for variants whose rays end at the same places."""
-        return self.geometry.key, self.precision
+        return self.geometry.key, self.precision, self.needs.transmitter_m, self.needs.slant
 
-    @property
+    @cached_property
     def path_key(self) -> object:
         """Equal for variants that share cube and trace; path emission belongs to one air and one set of surfaces."""
-        return self.rays_key, self.field, self.orientation, "" if self.isothermal else self.name
+        times = None if self.times_s is None else (self.times_s.tobytes(), self.wind_m_s.tobytes())
+        return self.rays_key, self.field, self.orientation, times, "" if self.isothermal else self.name
 
 
 @dataclass(frozen=True)
@@ -135,11 +162,7 @@ class Group:
     @cached_property
     def sample(self) -> tuple[Array, Array]:
         """A few thousand rays: unit directions (n, 3) and lengths in m (n,), the cut-off not regarded."""
-        raster = self.first.geometry.raster
-        rows, columns = (np.unique(np.linspace(0, count - 1, 64).astype(np.int64)) for count in (raster.rows, raster.columns))
-        direction = geometry.directions(self.first.geometry, np.repeat(rows, len(columns)), np.tile(columns, len(rows)))
-        norm = np.linalg.norm(direction, axis=1)
-        return direction / norm[:, None], geometry.reach(self.first.geometry, direction) * norm
+        return sample_rays(self.first.geometry)
 
     @property
     def visible_m(self) -> float:
@@ -151,6 +174,14 @@ class Group:
     def cut(self) -> bool:
         """Whether rays reach the cut-off depth, so that their depth must be watched."""
         return float(self.sample[1].max()) >= self.visible_m
+
+    @property
+    def passes(self) -> int:
+        """How often its rays go through the cube."""
+        first = self.first
+        ways = 2 if first.needs.transmitter_m is not None else 1
+        samples = 1 if first.times_s is None else len(first.times_s)
+        return ways * samples * (1 if first.isothermal else -(-len(first.frequency_hz) // EMISSION_AT_ONCE))
 
 
 @dataclass(frozen=True)
@@ -193,32 +224,87 @@ def by_key(items: Iterable[Item], key: Callable[[Item], object]) -> dict[object,
 
 
 def make_plan(scenario: Scenario, sensors: list[Sensor]) -> Plan:
-    """The plan of a scenario whose variants have the given sensors. Raises CubeError for a cube that cannot be used."""
+    """The plan of a scenario whose variants have the given sensors.
+
+    Raises PlanError for files that cannot be used and for what a sensor cannot work with, SensorFailure where it breaks.
+    """
     planned = [
-        _plan_variant(scenario.folder, variant.name, variant.scene, sensor)
+        _plan_variant(scenario, variant.name, variant.scene, sensor)
         for variant, sensor in zip(scenario.variants, sensors, strict=True)
     ]
     return Plan(scenario, tuple(planned))
 
 
-def _plan_variant(folder: Path, name: str, scene: Scene, sensor: Sensor) -> VariantPlan:
-    shape, surfaces = geometry.geometry(scene)
+def _plan_variant(scenario: Scenario, name: str, scene: Scene, sensor: Sensor) -> VariantPlan:
+    plain = geometry.raster(scene.camera)
     air = scene.atmosphere.air
-    needs = sensor.needs(_view(scene, air))
-    frequency_hz = np.unique(np.asarray(needs.frequency_hz, dtype=np.float64))
-    field = _plan_field(folder, scene, air)
+    try:
+        shape, surfaces = geometry.geometry(scene, scenario.locate, plain)
+        field = _plan_field(scenario.folder, scene, air)
+    except ValueError as error:
+        raise PlanError(f"{scenario.name}: {error}") from None
+    needs = _needs(sensor, _view(scene, air, shape, scenario), scenario.name)
+    frequency_hz = np.asarray(needs.frequency_hz, dtype=np.float64)
+    if needs.optics is not None:
+        rays = optics.sampling(needs.optics, plain, pixel_angles(scene), frequency_hz)
+        shape = replace(shape, raster=rays, frame=geometry.camera_frame(scene.camera, rays))
     humidity, temperature = field.spans() if field else ((0.0, 0.0), (0.0, 0.0))
     tolerance = SURROGATE_TOLERANCE[scene.numerics.precision]
     surrogate = fit(air, frequency_hz, humidity, temperature, tolerance=tolerance, moments=scene.numerics.moments)
-    cutoff = _cutoff(scene, surfaces, frequency_hz)
-    return VariantPlan(name, scene, sensor, needs, frequency_hz, shape, surfaces, field, surrogate, cutoff)
+    weights = None if needs.weights is None else _normalised(needs.weights)
+    cutoff = _cutoff(scene, needs, surfaces, frequency_hz)
+    return VariantPlan(name, scene, sensor, needs, frequency_hz, weights, shape, surfaces, field, surrogate, cutoff)
 
 
-def _view(scene: Scene, air: Air) -> View:
+def _normalised(weights: ArrayLike) -> Array:
+    rows = np.atleast_2d(np.asarray(weights, dtype=np.float64))
+    return np.asarray(rows / rows.sum(axis=1, keepdims=True))
+
+
+def pixel_angles(scene: Scene) -> tuple[float, float]:
+    """Width and height of a pixel at the image centre, rad."""
     camera = scene.camera
-    angles = [size / camera.focal_length_mm / count for size, count in zip(camera.focal_plane_mm, camera.pixels, strict=True)]
-    longest = scene.background.max_range_m
-    return View(camera.pixels, (angles[0], angles[1]), air.temperature_k, longest, air.absorption)
+    width, height = (s / camera.focal_length_mm / n for s, n in zip(camera.focal_plane_mm, camera.pixels, strict=True))
+    return width, height
+
+
+def sample_rays(shape: Geometry) -> tuple[Array, Array]:
+    """A few thousand rays: unit directions (n, 3) and lengths in m (n,)."""
+    rows, columns = (np.unique(np.linspace(0, n - 1, 64).astype(np.int64)) for n in (shape.raster.rows, shape.raster.columns))
+    direction = geometry.directions(shape, np.repeat(rows, len(columns)), np.tile(columns, len(rows)))
+    norm = np.linalg.norm(direction, axis=1)
+    return direction / norm[:, None], geometry.reach(shape, direction) * norm
+
+
+def _needs(sensor: Sensor, view: View, name: str) -> Needs:
+    """What a sensor asks for, checked."""
+
+    def failed(reason: str) -> SensorFailure:
+        return SensorFailure(f"{plugins.describe(sensor.name)}: {reason}")
+
+    try:
+        needs = sensor.needs(view)
+    except ValueError as error:
+        raise PlanError(f"{name}: [sensor] {error}") from None
+    except Exception as error:  # whatever a stranger's sensor raises
+        raise failed(f"{type(error).__name__}: {error}") from error
+    if not isinstance(needs, Needs):
+        raise failed(f"needs() returned {type(needs).__name__} instead of Needs")
+    frequency = np.asarray(needs.frequency_hz, dtype=np.float64)
+    if frequency.ndim != 1 or not frequency.size or not (np.isfinite(frequency).all() and (np.diff(frequency) > 0).all()):
+        raise failed("needs() asked for frequencies that are not a list of ascending numbers in Hz")
+    if not 0 < frequency[0] <= frequency[-1] <= REFUSED_ABOVE_GHZ * 1e9:
+        raise PlanError(f"{name}: [sensor] asks for {frequency[-1] / 1e9:g} GHz; MPM93 ends at {REFUSED_ABOVE_GHZ:g} GHz")
+    if needs.weights is not None and np.shape(np.atleast_2d(np.asarray(needs.weights)))[1] != len(frequency):
+        raise failed("needs() gave weights of another length than its frequencies")
+    return needs
+
+
+def _view(scene: Scene, air: Air, shape: Geometry, scenario: Scenario) -> View:
+    lengths = sample_rays(shape)[1]
+    paths = float(lengths.min()), float(lengths.max())
+    pixels, angles = scene.camera.pixels, pixel_angles(scene)
+    return View(pixels, angles, air.temperature_k, paths, air.absorption, lambda name: files.read_table(scenario.locate(name)))
 
 
 def _plan_field(folder: Path, scene: Scene, air: Air) -> FieldPlan | None:
@@ -237,18 +323,24 @@ def _plan_field(folder: Path, scene: Scene, air: Air) -> FieldPlan | None:
     return FieldPlan(source, air.most_vapour if bites else math.inf, None)
 
 
-def _cutoff(scene: Scene, surfaces: list[Surface], frequency_hz: Array) -> float:
+def _cutoff(scene: Scene, needs: Needs, surfaces: list[Surface], frequency_hz: Array) -> float:
     """The depth behind which nothing that can be seen is worth 1e-7 of the air's radiance."""
-    if scene.numerics.cutoff_depth is not None:
-        return scene.numerics.cutoff_depth
-    air = radiometry.planck(frequency_hz, scene.atmosphere.temperature_k)
-    brightest = float(np.max(np.abs(emitted(scene, surfaces, frequency_hz)) / air))
+    given = scene.numerics.cutoff_depth or needs.cutoff_depth
+    if given is not None:
+        return given
+    air = 1.0 if needs.reflection else radiometry.planck(frequency_hz, scene.atmosphere.temperature_k)
+    brightest = float(np.max(np.abs(sources(scene, needs, surfaces, frequency_hz)) / air))
     return max(SMALLEST_CUTOFF, math.log(brightest / NEGLIGIBLE) if brightest > 0 else 0.0)
 
 
-def emitted(scene: Scene, surfaces: list[Surface], frequency_hz: Array) -> Array:
-    """Radiance of each surface above the mean air's, (surface, frequency); where no temperature is given, that of air."""
+def sources(scene: Scene, needs: Needs, surfaces: list[Surface], frequency_hz: Array) -> Array:
+    """What each surface sends to the camera, (surface, frequency).
+
+    Radiance above the mean air's, that of air where no temperature is given; or, for a sensor of echoes, its reflectivity.
+    """
+    reflectivity = np.array([s.reflectivity for s in surfaces])
+    if needs.reflection:
+        return np.broadcast_to(reflectivity[:, None], (len(surfaces), len(frequency_hz)))
     air_k = scene.atmosphere.temperature_k
     kelvin = np.array([air_k if s.temperature_k is None else s.temperature_k for s in surfaces])
-    reflectivity = np.array([s.reflectivity for s in surfaces])
     return radiometry.surface_contrast(frequency_hz, kelvin, reflectivity, air_k, scene.background.environment)

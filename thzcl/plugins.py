@@ -17,8 +17,8 @@ from thzcl import hookspecs
 from thzcl.scenario import Trouble, validate
 from thzcl.scenario.document import VariantTable
 from thzcl.scenario.problems import shown, suggest
-from thzcl.scenario.scene import Scene, SensorChoice
-from thzcl.sensor import Parameters, Sensor
+from thzcl.scenario.scene import Scene
+from thzcl.sensor import CONTRACT, Parameters, Sensor
 
 ENTRY_POINTS = "thzcl.sensors"
 _BUILT_IN = {"passive-spectral": "thzcl.sensors.passive_spectral"}
@@ -26,6 +26,10 @@ _BUILT_IN = {"passive-spectral": "thzcl.sensors.passive_spectral"}
 
 class PluginError(Exception):
     """A sensor plugin is missing or breaks the contract; the text says which and why."""
+
+
+class SensorFailure(Exception):  # noqa: N818 (what happened)
+    """A sensor broke while it worked; the text says which and how."""
 
 
 @dataclass(frozen=True)
@@ -91,6 +95,9 @@ def _breach(sensor: Any) -> str | None:
     """How a class breaks the contract, if it does."""
     if not (isinstance(sensor, type) and issubclass(sensor, Sensor)):
         return f"{sensor!r} is not a subclass of thzcl.sensor.Sensor"
+    version = getattr(sensor, "contract", None)
+    if version != CONTRACT:
+        return f"it was written for version {version} of the sensor contract, this thzcl has version {CONTRACT}; update it"
     parameters = getattr(sensor, "Params", None)
     if not (isinstance(parameters, type) and issubclass(parameters, Parameters)):
         return "its Params is not a subclass of thzcl.sensor.Parameters"
@@ -146,7 +153,7 @@ def scenario_schema() -> dict[str, Any]:
     return found
 
 
-def troubles(table: Mapping[str, Any]) -> list[Trouble]:
+def troubles(table: Any) -> list[Trouble]:
     """What is wrong with a [sensor] table, paths relative to it."""
     kind = table.get("kind") if isinstance(table, Mapping) else None
     if not isinstance(kind, str):
@@ -155,14 +162,22 @@ def troubles(table: Mapping[str, Any]) -> list[Trouble]:
         sensor = sensor_class(kind)
     except PluginError as error:
         return [Trouble(("kind",), str(error))]
-    return validate(sensor.Params, _parameters(table))[1]
+    found = validate(sensor.Params, _parameters(table, sensor))[1]
+    if sensor.wraps:
+        inner = table.get("detector")
+        if not isinstance(inner, Mapping) or not isinstance(inner.get("kind"), str):
+            return [*found, Trouble(("detector",), "needs a table [sensor.detector] with the kind of sensor that is wrapped")]
+        found += [trouble.below("detector") for trouble in troubles(inner)]
+    return found
 
 
-def make(choice: SensorChoice) -> Sensor:
-    """The sensor that a valid [sensor] table describes."""
-    sensor = sensor_class(choice.kind)
-    return sensor(sensor.Params.model_validate(_parameters(choice.model_dump())))
+def make(table: Mapping[str, Any]) -> Sensor:
+    """The sensor that a valid [sensor] table describes, with the one that it wraps."""
+    sensor = sensor_class(table["kind"])
+    detector = make(table["detector"]) if sensor.wraps else None
+    return sensor(sensor.Params.model_validate(_parameters(table, sensor)), detector)
 
 
-def _parameters(table: Mapping[str, Any]) -> dict[str, Any]:
-    return {name: value for name, value in table.items() if name != "kind"}
+def _parameters(table: Mapping[str, Any], sensor: type[Sensor]) -> dict[str, Any]:
+    others = {"kind", "detector"} if sensor.wraps else {"kind"}
+    return {name: value for name, value in table.items() if name not in others}

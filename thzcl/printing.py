@@ -52,8 +52,8 @@ def summary(found: dict[str, Any]) -> None:
             variant["name"],
             target,
             str(values["pixels"]),
-            f"{values['mean_contrast_k']:+.5g}",
-            f"{values['std_k']:.3g}",
+            _number(values["mean_contrast_k"], "+.5g"),
+            _number(values["std_k"], ".3g"),
             f"{values['optical_depth']:.4g}",
             f"{values['transmission']:.4g}",
         ]
@@ -62,6 +62,13 @@ def summary(found: dict[str, Any]) -> None:
     ]
     columns = ["variant", "target", "pixels", "contrast to air / K", "spread / K", "optical depth", "transmission"]
     table(f"{found['scenario']}, seed {found['seed']}", columns, rows)
+    facts = [
+        [variant["name"], name, f"{fact['value']:.5g}", "" if fact["unit"] == "1" else fact["unit"]]
+        for variant in found["variants"]
+        for name, fact in variant["facts"].items()
+    ]
+    if facts:
+        table("", ["variant", "of its image", "value", "unit"], facts)
     table("", ["stage", "seconds"], [[stage, f"{spent:.3f}"] for stage, spent in found["seconds"].items()])
     table("", ["left out", "why"], [[item["stage"], item["reason"]] for item in found["left_out"]])
     budget = [[part, f"{e['rms']:.2g}", f"{e['max']:.2g}", e["unit"]] for part, e in found["error_budget"].items()]
@@ -71,6 +78,10 @@ def summary(found: dict[str, Any]) -> None:
         print(f"note: {warning}")
     for file in found["files"]:
         print(f"wrote {file}")
+
+
+def _number(value: float | None, form: str) -> str:
+    return "" if value is None else format(value, form)
 
 
 def plan(found: dict[str, Any]) -> None:

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from thzcl.files import write_whole
-from thzcl.sensor import Image, Radiances
+from thzcl.sensor import Echoes, Image, Radiances
 
 if TYPE_CHECKING:
     import xarray
@@ -33,11 +33,18 @@ class Variable(NamedTuple):
 
 @dataclass(frozen=True)
 class VariantResult:
-    """One image, and the radiances it was made from; `image` is None where the sensor failed."""
+    """One image, and what it was made from; `image` is None where the sensor failed."""
 
     name: str
-    radiances: Radiances
+    sight: Radiances | Echoes
     image: Image | None
+
+    @property
+    def radiances(self) -> Radiances:
+        """What reached the pixels of a passive sensor. Raises TypeError for an active one."""
+        if isinstance(self.sight, Echoes):
+            raise TypeError("an active sensor has no radiances, but echoes: see sight")
+        return self.sight
 
 
 @dataclass(frozen=True)
@@ -60,6 +67,8 @@ class Result:
     targets: tuple[str, ...]  # names by flag: background, ground, then the targets in file order
     pixel_angles_mrad: tuple[Array, Array]  # of the columns, of the rows, from the image centre
     conditions: tuple[str, ...]  # of each variant's air and range, in words
+    figure_columns: int | None
+    difference: tuple[str, str] | None  # variants whose images' difference is stored too
     grid_rotation: Array
     device: str
     seed: int
@@ -127,22 +136,42 @@ class Result:
             "warnings": list(self.warnings),
             "error_budget": self.error_budget,
             "voxel_segments": self.voxel_segments,
-            "variants": [{"name": v.name, "targets": self._target_table(v)} for v in self.variants],
+            "variants": [self._variant_summary(v) for v in self.variants],
         }
 
-    def _target_table(self, variant: VariantResult) -> dict[str, dict[str, float]]:
-        """Per target: pixels, contrast to the air and its spread in K, depth and transmission, over all frequencies."""
-        radiances, table = variant.radiances, {}
+    def _variant_summary(self, variant: VariantResult) -> dict[str, Any]:
+        facts = variant.image.facts if variant.image else {}
+        told = {name: {"value": value, "unit": unit} for name, (value, unit) in facts.items()}
+        return {"name": variant.name, "targets": self._target_table(variant), "facts": told}
+
+    def image_difference(self) -> Array | None:
+        """The first named variant's image less the second's, (y, x), where asked for."""
+        images = {v.name: v.image for v in self.variants}
+        if self.difference is None:
+            return None
+        one, other = (images.get(name) for name in self.difference)
+        return None if one is None or other is None else np.asarray(one.values) - np.asarray(other.values)
+
+    def _target_table(self, variant: VariantResult) -> dict[str, dict[str, float | None]]:
+        """Per target: pixels, contrast to the air and its spread in K, depth and transmission, over all frequencies.
+
+        An active sensor has no contrast in kelvin; its depth and transmission are those of the way out and back.
+        """
+        sight = variant.sight
+        table: dict[str, dict[str, float | None]] = {}
         for flag, name in enumerate(self.targets):
-            here = radiances.target == flag
+            here = sight.target == flag
             if not here.any():
                 continue
-            contrast = radiances.brightness_temperature_contrast[:, here]
-            depth = radiances.optical_depth[:, here].astype(np.float64)
+            depth = sight.optical_depth[:, here].astype(np.float64)
+            mean = spread = None
+            if isinstance(sight, Radiances):
+                contrast = sight.brightness_temperature_contrast[:, here]
+                mean, spread = float(contrast.mean()), float(contrast.mean(axis=0).std())
             table[name] = {
                 "pixels": int(here.sum()),
-                "mean_contrast_k": float(contrast.mean()),
-                "std_k": float(contrast.mean(axis=0).std()),
+                "mean_contrast_k": mean,
+                "std_k": spread,
                 "optical_depth": float(depth.mean()),
                 "transmission": float(np.exp(-depth).mean()),
             }
@@ -151,7 +180,7 @@ class Result:
     def _repr_html_(self) -> str:
         """A short table for notebooks."""
         rows = [
-            f"<tr><td>{v.name}</td><td>{target}</td><td>{values['pixels']}</td><td>{values['mean_contrast_k']:+.4g} K</td>"
+            f"<tr><td>{v.name}</td><td>{target}</td><td>{values['pixels']}</td><td>{_kelvins(values['mean_contrast_k'])}</td>"
             f"<td>{values['transmission']:.3g}</td></tr>"
             for v in self.variants
             for target, values in self._target_table(v).items()
@@ -160,7 +189,7 @@ class Result:
         return f"<h4>{self.scenario}</h4><p>{self.device}, seed {self.seed}</p><table>{head}{''.join(rows)}</table>"
 
     def _coordinates(self) -> dict[str, Variable]:
-        frequencies = np.array([v.radiances.frequency_hz for v in self.variants]) / 1e9
+        frequencies = np.array([v.sight.frequency_hz for v in self.variants]) / 1e9
         same = bool((frequencies == frequencies[0]).all())
         dims, values = (("frequency",), frequencies[0]) if same else (("variant", "frequency"), frequencies)
         columns, rows = self.pixel_angles_mrad
@@ -174,20 +203,19 @@ class Result:
         }
 
     def _variables(self) -> dict[str, Variable]:
-        sight = [v.radiances for v in self.variants]
+        sights = [v.sight for v in self.variants]
+        passive = [sight for sight in sights if isinstance(sight, Radiances)]
         found = {
-            "radiance": _spectral([r.radiance for r in sight], sight[0], "W m-2 sr-1 Hz-1", "spectral radiance"),
-            "brightness_temperature": _spectral(
-                [r.brightness_temperature for r in sight], sight[0], "K", "brightness temperature"
-            ),
-            "brightness_temperature_contrast": _spectral(
-                [r.brightness_temperature_contrast for r in sight], sight[0], "K", "brightness temperature above the mean air's"
-            ),
-            "optical_depth": _spectral([r.optical_depth for r in sight], sight[0], "1", "optical depth to the end of the ray"),
-            "path_length": _shared([r.path_length for r in sight], {"units": "m", "long_name": "length of the ray"}),
-            "target": _shared([r.target for r in sight], self._flags()),
+            **_radiometric(passive),
+            "optical_depth": _spectral([s.optical_depth for s in sights], "1", _depth_name(sights[0])),
+            "path_length": _shared([s.path_length for s in sights], {"units": "m", "long_name": "length of the ray"}),
+            "target": _shared([s.target for s in sights], self._flags()),
             **_images([v.image for v in self.variants if v.image is not None], len(self.variants)),
         }
+        difference = self.image_difference()
+        if difference is not None and self.difference is not None:
+            attrs = found["image"].attrs | {"long_name": f"{self.difference[0]} less {self.difference[1]}"}
+            found["image_difference"] = Variable(PLANE, difference, attrs)
         return found | self._cubes()
 
     def _flags(self) -> dict[str, Any]:
@@ -227,8 +255,30 @@ class Result:
         return memory.getbuffer()
 
 
-def _spectral(values: list[Array], like: Radiances, units: str, name: str) -> Variable:
-    stored = np.stack([np.asarray(v, dtype=like.contrast.dtype) for v in values])
+def _kelvins(value: float | None) -> str:
+    return "" if value is None else f"{value:+.4g} K"
+
+
+def _depth_name(sight: Radiances | Echoes) -> str:
+    active = isinstance(sight, Echoes)
+    return "optical depth, out and back" if active else "optical depth to the end of the ray"
+
+
+def _radiometric(passive: list[Radiances]) -> dict[str, Variable]:
+    """Radiances and brightness temperatures, which an active sensor does not have."""
+    if not passive:
+        return {}
+    contrast, kind = "brightness_temperature_contrast", passive[0].contrast.dtype
+    above = "brightness temperature above the mean air's"
+    return {
+        "radiance": _spectral([s.radiance for s in passive], "W m-2 sr-1 Hz-1", "spectral radiance", kind),
+        "brightness_temperature": _spectral([s.brightness_temperature for s in passive], "K", "brightness temperature", kind),
+        contrast: _spectral([s.brightness_temperature_contrast for s in passive], "K", above, kind),
+    }
+
+
+def _spectral(values: list[Array], units: str, name: str, kind: Any = None) -> Variable:
+    stored = np.stack([np.asarray(v, dtype=kind or v.dtype) for v in values])
     attrs = {"units": units, "long_name": name, "coordinates": "y_angle x_angle"}
     return Variable(("variant", *SPECTRAL), stored, attrs)
 

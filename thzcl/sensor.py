@@ -1,6 +1,7 @@
-"""What a sensor plugin sees: the public contract between thzcl and its sensors.
+"""What a sensor plugin sees: the public contract between thzcl and its sensors, version 1.
 
-A sensor is a class with a `name`, its parameters `Params`, a manual page as docstring, `needs()` and `observe()`:
+A sensor is a class with a `name`, the version of the `contract` it was written for, its parameters `Params`, a manual page
+as docstring, `needs()` and `observe()`:
 
     from thzcl.sensor import Image, Needs, Parameters, Sensor, hookimpl, parameter
 
@@ -8,6 +9,7 @@ A sensor is a class with a `name`, its parameters `Params`, a manual page as doc
         \"\"\"Brightness temperature at one frequency.\"\"\"
 
         name = "thermometer"
+        contract = 1
 
         class Params(Parameters):
             frequency_ghz: float = parameter(help="centre frequency", unit="GHz", gt=0)
@@ -15,14 +17,15 @@ A sensor is a class with a `name`, its parameters `Params`, a manual page as doc
         def needs(self, view):
             return Needs(frequency_hz=[self.params.frequency_ghz * 1e9])
 
-        def observe(self, radiances, rng):
-            return Image(radiances.brightness_temperature[0], unit="K", quantity="brightness temperature")
+        def observe(self, sight, rng):
+            return Image(sight.brightness_temperature[0], unit="K", quantity="brightness temperature")
 
     @hookimpl
     def register_sensors():
         return [Thermometer]
 
-It never sees OpenCL, files or the scene; `observe` is a pure function of the radiances and the random generator.
+It never sees OpenCL, files or the scene; `observe` is a pure function of what reaches the pixels and of the random numbers.
+`thzcl new-sensor NAME` writes a package around such a class that can be installed as it is.
 """
 
 from __future__ import annotations
@@ -43,11 +46,14 @@ from thzcl.scenario import Table as Parameters
 from thzcl.scenario import key as parameter
 
 __all__ = [
+    "CONTRACT",
+    "Echoes",
     "FrequenciesGHz",
     "FrequencyGHz",
     "Image",
     "Layer",
     "Needs",
+    "Optics",
     "Parameters",
     "Radiances",
     "Sensor",
@@ -56,10 +62,22 @@ __all__ = [
     "parameter",
 ]
 
+CONTRACT = 1
 Array = NDArray[np.float64]
 FrequencyGHz = Annotated[float, Field(gt=0, le=1780)]  # as far as MPM93 goes
 FrequenciesGHz = FrequencyGHz | Annotated[tuple[FrequencyGHz, ...], Field(min_length=1)]
 hookimpl = pluggy.HookimplMarker("thzcl")
+
+
+class Optics(Parameters):
+    """What blurs the image before it is recorded: diffraction, the pixels' own size, and a Gaussian for all else.
+
+    Applied to radiance (power, for an active sensor), at a gain of exactly 1 for a uniform scene.
+    """
+
+    aperture_m: float | None = parameter(None, gt=0, unit="m", help="diameter of the circular aperture; none: no diffraction")
+    pixel: bool = parameter(True, help="average over the area of each pixel")
+    blur_mrad: float | None = parameter(None, gt=0, unit="mrad", help="full width at half maximum of a Gaussian blur")
 
 
 @dataclass(frozen=True)
@@ -69,46 +87,76 @@ class View:
     pixels: tuple[int, int]  # width, height
     pixel_angle_rad: tuple[float, float]  # at the image centre
     air_temperature_k: float
-    longest_path_m: float
+    path_m: tuple[float, float]  # shortest and longest ray, about
     absorption: Callable[[Array], Array]  # of the mean air, 1/m, at frequencies in Hz
+    table: Callable[[str], Array]  # rows of numbers of a CSV file beside the scenario
 
 
 @dataclass(frozen=True)
 class Needs:
-    """What must be computed for a sensor."""
+    """What must be computed for a sensor. What is not asked for is left out."""
 
     frequency_hz: ArrayLike  # one or several, ascending
+    weights: ArrayLike | None = None  # (band, frequency): only these sums over frequency; rows are normalised to 1
+    reflection: bool = False  # echoes of a transmitter instead of emission
+    transmitter_m: tuple[float, float, float] | None = None  # where it stands; at the camera if None
+    cutoff_depth: float | None = None  # one way; by default where the rest is worth 1e-7 of the air's radiance
+    slant: bool = False  # the cosine between ray and surface normal
+    times_s: ArrayLike | None = None  # (sample, y, x): when each pixel is taken; samples are averaged
+    optics: Optics | None = None
+    noise: bool = False  # whether observe() draws random numbers
+    errors: Mapping[str, tuple[float, str]] = field(default_factory=dict)  # known errors: part -> relative size, of what
 
 
 @dataclass(frozen=True)
-class Radiances:
-    """What reaches each pixel, shapes (frequency, y, x) or (y, x); row 0 is the image's top, column 0 its left.
+class _Sight:
+    """What every sensor gets; shapes (frequency, y, x) or (y, x), row 0 the image's top, column 0 its left.
 
-    Radiance is held as contrast to the black-body radiance of the mean air, so that microkelvins survive.
+    Where weights were asked for, bands stand in place of frequencies: their mean frequency, mean radiance, and the depth of
+    their mean transmission.
     """
 
     frequency_hz: Array  # (frequency,)
-    contrast: NDArray[Any]  # W m-2 sr-1 Hz-1 above the air's
     optical_depth: NDArray[Any]  # 1
     path_length: NDArray[Any]  # (y, x), m
     target: NDArray[Any]  # (y, x): 0 background, 1 ground, 2 and up the targets in file order
+    cosine: NDArray[Any] | None  # (y, x), where asked for
+
+
+@dataclass(frozen=True)
+class Radiances(_Sight):
+    """What reaches each pixel. Radiance is held as contrast to that of the mean air, so that microkelvins survive."""
+
+    contrast: NDArray[Any]  # W m-2 sr-1 Hz-1 above the air's
+    air_radiance: Array  # (frequency,), W m-2 sr-1 Hz-1
     air_temperature_k: float
 
     @property
     def radiance(self) -> Array:
         """Spectral radiance, W m-2 sr-1 Hz-1, (frequency, y, x)."""
-        return np.asarray(radiometry.planck(self.frequency_hz[:, None, None], self.air_temperature_k) + self.contrast)
+        return np.asarray(self.air_radiance[:, None, None] + self.contrast)
 
     @cached_property
     def brightness_temperature_contrast(self) -> Array:
         """Brightness temperature above the air's, K, (frequency, y, x)."""
         frequency = self.frequency_hz[:, None, None]
-        return radiometry.brightness_temperature_contrast(frequency, self.contrast, self.air_temperature_k)
+        # A band's mean radiance differs a little from that at its mean frequency.
+        share = radiometry.planck(self.frequency_hz, self.air_temperature_k) / self.air_radiance
+        contrast = self.contrast if np.all(share == 1) else self.contrast * share[:, None, None]
+        return radiometry.brightness_temperature_contrast(frequency, contrast, self.air_temperature_k)
 
     @property
     def brightness_temperature(self) -> Array:
         """Brightness temperature, K, (frequency, y, x)."""
         return self.air_temperature_k + self.brightness_temperature_contrast
+
+
+@dataclass(frozen=True)
+class Echoes(_Sight):
+    """What comes back to each pixel of what a transmitter sends out; the optical depth is that of the way out and back."""
+
+    returned: NDArray[Any]  # reflectivity times transmission out and back, 1
+    outgoing_length: NDArray[Any]  # (y, x), m, from the transmitter to what the pixel shows
 
 
 @dataclass(frozen=True)
@@ -122,27 +170,34 @@ class Layer:
 
 @dataclass(frozen=True)
 class Image:
-    """What the sensor records: values (y, x), their unit ("1" for none), and what they are, in words."""
+    """What the sensor records: values (y, x), their unit ("1" for none), and what they are, in words.
+
+    `facts` are numbers about the image, by name: value and unit.
+    """
 
     values: NDArray[Any]
     unit: str
     quantity: str
     layers: Mapping[str, Layer] = field(default_factory=dict)
+    facts: Mapping[str, tuple[float, str]] = field(default_factory=dict)
 
 
 class Sensor(ABC):
     """Base of every sensor; `params` holds the validated [sensor] table."""
 
     name: ClassVar[str]
+    contract: ClassVar[int]
     Params: ClassVar[type[Parameters]]
+    wraps: ClassVar[bool] = False  # whether it takes another sensor, described in [sensor.detector]
 
-    def __init__(self, params: Any) -> None:
+    def __init__(self, params: Any, detector: Sensor | None = None) -> None:
         self.params = params
+        self.detector = detector
 
     @abstractmethod
     def needs(self, view: View) -> Needs:
-        """What must be computed."""
+        """What must be computed. Raises ValueError where the parameters and the view do not fit together."""
 
     @abstractmethod
-    def observe(self, radiances: Radiances, rng: np.random.Generator) -> Image:
-        """The image, from what reaches the pixels. Draw every random number from `rng`."""
+    def observe(self, sight: Any, rng: np.random.Generator) -> Image:
+        """The image, from Radiances or Echoes. Draw every random number from `rng`."""

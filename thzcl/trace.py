@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from thzcl import radiometry
 from thzcl.absorption import Surrogate
 from thzcl.device import GROUP, Buffer, Device
-from thzcl.geometry import Geometry
+from thzcl.geometry import Geometry, world_frame
 from thzcl.plan import DEPTH_CHECKED_EVERY, EMISSION_AT_ONCE
 
 Array = NDArray[np.float64]
@@ -19,10 +19,11 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Medium:
-    """The cube that rays cross: fluctuations on the device, and the camera's frame in its voxels.
+    """The cube that rays cross: fluctuations on the device, and the rays' frame in its voxels.
 
     `delta` is rho / rho_mean - 1, `offset` the temperature's departure from the mean in K (None in isothermal air), within
-    `temperature_span`; `frame` is as Geometry.frame, in voxels, its origin within the cube of `grid` voxels.
+    `temperature_span`; `frame` is as geometry.cube_frame makes it; `time` (ray,) is when each ray is taken, in s, if that
+    makes a difference.
     """
 
     delta: Buffer
@@ -30,25 +31,32 @@ class Medium:
     temperature_span: tuple[float, float]
     frame: Array
     grid: int
+    time: Buffer | None
 
 
 @dataclass(frozen=True)
 class Ends:
-    """Where the rays end, on the device; arrays are padded to whole groups of packets.
+    """Where rays end, on the device; arrays are padded to whole groups of packets.
 
-    `reach` is in the ray's parameter, `stretch` metres per unit of it, `path_length` in metres, `surface` a number.
+    `reach` is how far the camera's ray goes and `end` how far the ray that is followed, both in the ray's parameter;
+    `stretch` metres per unit of the latter's, `path_length` its length in metres. `surface` is a number, `blend` how far
+    towards the next one, `cosine` that of the angle between ray and normal.
     """
 
     geometry: Geometry
     reach: Buffer
+    end: Buffer
     stretch: Buffer
     path_length: Buffer
     surface: Buffer
+    blend: Buffer
+    cosine: Buffer
+    outgoing: bool = False
 
     @property
     def rays(self) -> int:
         """With the padding."""
-        return self.reach.shape[0]
+        return len(self.reach)
 
 
 @dataclass(frozen=True)
@@ -58,9 +66,9 @@ class Paths:
     `path_length` and `surface` are those of the ends, but for rays that the cut-off ended sooner.
     """
 
-    geometry: Geometry
     path_length: Buffer
     surface: Buffer
+    blend: Buffer
     moments: Buffer | None
     segments: int  # voxels crossed over positive length
 
@@ -75,50 +83,64 @@ class Guard:
 
 @dataclass(frozen=True)
 class Shaded:
-    """On the host, padding removed: (frequency, row, column) of the raster of rays, or (row, column)."""
+    """Optical depth and contrast, (frequency, ray), on the device; in bands, transmission in the place of depth."""
 
-    optical_depth: NDArray[Any]
-    contrast: NDArray[Any]  # W m-2 sr-1 Hz-1 above the mean air's radiance
-    path_length: NDArray[Any]  # m
-    surface: NDArray[Any]
+    depth: Buffer
+    contrast: Buffer
 
 
-def find_ends(device: Device, geometry: Geometry, precision: str) -> Ends:
-    """Where every ray ends: the nearest surface, or max_range_m."""
+def find_ends(device: Device, geometry: Geometry, precision: str, *, cosine: bool = False) -> Ends:
+    """Where every ray of the camera ends: the nearest surface, or max_range_m."""
     packet = device.lanes(precision) * GROUP
     padded = -(-geometry.raster.rays // packet) * packet
-    options = [name for name, needed in (("GROUND", geometry.ground), ("BOXES", len(geometry.boxes))) if needed]
+    options = [*_surfaces(geometry), *(["COSINE"] if cosine else [])]
     program = device.build(("camera", "surfaces"), precision, options)
-    ends = Ends(
-        geometry,
-        device.empty((padded,), device.wide),
-        device.empty((padded,), precision),
-        device.empty((padded,), precision),
-        device.empty((padded,), np.int32),
-    )
-    boxes = device.put(geometry.boxes if len(geometry.boxes) else np.zeros((1, 8)), device.wide)
-    stripes = device.put(geometry.stripes if len(geometry.boxes) else np.zeros((6, 2)), np.int32)
+    reach = device.empty((padded,), device.wide)
+    stretch, path_length = (device.empty((padded,), precision) for _ in range(2))
+    surface = device.empty((padded,), np.int32)
+    blend, slant = (device.empty((padded if wanted else 1,), precision) for wanted in (len(geometry.billboards), cosine))
     program.run(
         "surfaces",
         padded,
-        device.put(geometry.frame, device.wide),
+        device.put(world_frame(geometry.frame), device.wide),
         *_size(geometry),
         device.wide.type(geometry.max_range_m),
-        boxes,
-        stripes,
-        np.int32(len(geometry.boxes)),
-        ends.reach,
-        ends.stretch,
-        ends.path_length,
-        ends.surface,
+        *_things(device, geometry),
+        reach,
+        stretch,
+        path_length,
+        surface,
+        blend,
+        slant,
     )
-    return ends
+    return Ends(geometry, reach, reach, stretch, path_length, surface, blend, slant)
+
+
+def outgoing_ends(device: Device, ends: Ends, transmitter_m: tuple[float, float, float], precision: str) -> Ends:
+    """The ways from a transmitter to what each ray met; where nothing was, or something stands between, no way at all."""
+    geometry = ends.geometry
+    program = device.build(("camera", "surfaces"), precision, [*_surfaces(geometry), "OUTGOING"])
+    surface = device.put(ends.surface.host())
+    end = device.empty((ends.rays,), device.wide)
+    length = device.empty((ends.rays,), precision)
+    program.run(
+        "outgoing",
+        ends.rays,
+        device.put(world_frame(geometry.frame, np.array(transmitter_m)), device.wide),
+        *_size(geometry),
+        *_things(device, geometry),
+        ends.reach,
+        surface,
+        end,
+        length,
+    )
+    return Ends(geometry, ends.reach, end, length, length, surface, ends.blend, ends.cosine, outgoing=True)
 
 
 def trace(device: Device, ends: Ends, medium: Medium, moments: int, guard: Guard | None, precision: str) -> Paths:
     """The path moments of every ray; a guarded ray stops past its depth, keeps its path so far, and meets nothing."""
     path_length, surface = _own_ends(device, ends, guard)
-    program = device.build(("camera", "march", "trace"), precision, _options(guard, MOMENTS=moments))
+    program = device.build(("camera", "march", "trace"), precision, _options(ends, medium, guard, MOMENTS=moments))
     out = device.empty((moments, ends.rays), precision)
     segments = device.empty((ends.rays // device.lanes(precision),), np.int32)
     limit = guard or Guard((0.0,) * (moments + 1), np.inf)
@@ -134,72 +156,129 @@ def trace(device: Device, ends: Ends, medium: Medium, moments: int, guard: Guard
         device.put(np.array(limit.coefficients), precision),
         np.dtype(precision).type(limit.depth),
     )
-    return Paths(ends.geometry, path_length, surface, out, int(segments.host().sum(dtype=np.int64)))
+    return Paths(path_length, surface, ends.blend, out, int(segments.host().sum(dtype=np.int64)))
 
 
 def straight(ends: Ends) -> Paths:
     """Paths through uniform air: their length is all that counts."""
-    return Paths(ends.geometry, ends.path_length, ends.surface, None, 0)
+    return Paths(ends.path_length, ends.surface, ends.blend, None, 0)
 
 
-def shade(device: Device, paths: Paths, surrogate: Surrogate, emitted: Array, precision: str) -> Shaded:
-    """Optical depth and contrast of isothermal air; `emitted` (surface, frequency) is L_surface - B_air."""
-    moments, rays = paths.moments, len(paths.path_length)
-    program = device.build(("shade",), precision, (f"MOMENTS={0 if moments is None else len(moments)}",))
-    count = len(surrogate.frequency_hz)
+def there_and_back(device: Device, back: Paths, out: Paths) -> Paths:
+    """The path of what a transmitter sends out and the camera gets back: both ways together."""
+
+    def both(one: Buffer, other: Buffer) -> Buffer:
+        return device.put(one.host() + other.host())
+
+    moments = None if back.moments is None or out.moments is None else both(back.moments, out.moments)
+    # What the cut-off ended on either way, or what is not lit, sends nothing back.
+    surface = device.put(np.minimum(back.surface.host(), np.where(out.surface.host() > 0, np.iinfo(np.int32).max, 0)), np.int32)
+    length = both(back.path_length, out.path_length)
+    return Paths(length, surface, back.blend, moments, back.segments + out.segments)
+
+
+def shade(device: Device, paths: Paths, coefficients: Array, sources: Array, precision: str) -> Shaded:
+    """Depth and contrast of isothermal air; `coefficients` (frequency, power) per metre, `sources` (surface, frequency)."""
+    program, rays = _shading(device, paths, precision), len(paths.path_length)
+    count = len(coefficients)
     depth, contrast = (device.empty((count, rays), precision) for _ in range(2))
     program.run(
         "shade",
         rays // device.lanes(precision),
-        paths.path_length,
-        paths.path_length if moments is None else moments,
-        paths.surface,
-        device.put(surrogate.coefficients[:, :, 0], precision),
-        device.put(emitted, precision),
+        *_shaded_paths(paths),
+        device.put(coefficients, precision),
+        device.put(sources, precision),
         np.int32(count),
         depth,
         contrast,
     )
-    return _shaded(paths.geometry, [depth], [contrast], paths.path_length, paths.surface)
+    return Shaded(depth, contrast)
+
+
+def shade_bands(device: Device, paths: Paths, coefficients: Array, sources: Array, weights: Array, precision: str) -> Shaded:
+    """The same in bands: transmission and contrast summed with `weights` (band, frequency); no spectrum is stored."""
+    program, rays = _shading(device, paths, precision, f"BANDS={len(weights)}"), len(paths.path_length)
+    transmission, contrast = (device.empty((len(weights), rays), precision) for _ in range(2))
+    program.run(
+        "shade_bands",
+        rays // device.lanes(precision),
+        *_shaded_paths(paths),
+        device.put(coefficients, precision),
+        device.put(weights, precision),
+        device.put(weights[:, None, :] * sources, precision),
+        np.int32(len(coefficients)),
+        np.int32(len(sources)),
+        transmission,
+        contrast,
+    )
+    return Shaded(transmission, contrast)
+
+
+def _shading(device: Device, paths: Paths, precision: str, *options: str) -> Any:
+    moments = 0 if paths.moments is None else len(paths.moments)
+    textured = ["BILLBOARDS"] if len(paths.blend) > 1 else []
+    return device.build(("source", "shade"), precision, [f"MOMENTS={moments}", *options, *textured])
+
+
+def _shaded_paths(paths: Paths) -> tuple[Buffer, ...]:
+    return paths.path_length, paths.path_length if paths.moments is None else paths.moments, paths.surface, paths.blend
+
+
+@dataclass(frozen=True)
+class Emitting:
+    """What an emission trace needs to know of the air and the surfaces.
+
+    `coefficients` (frequency, humidity power, temperature power) per metre, `planck` (frequency, power) of B(T) - B(T_mean)
+    in powers of T - T_mean, `sources` (surface, frequency).
+    """
+
+    coefficients: Array
+    planck: Array
+    sources: Array
+
+    def some(self, first: int) -> Emitting:
+        """Those frequencies from `first` that one pass carries."""
+        part = slice(first, first + EMISSION_AT_ONCE)
+        return Emitting(self.coefficients[part], self.planck[part], self.sources[:, part])
+
+
+def emitting(surrogate: Surrogate, span: tuple[float, float], sources: Array, *, path: bool = True) -> Emitting:
+    """Tables for an emission trace over a span of temperatures; without `path`, what the air itself emits is left out."""
+    planck = _planck_powers(surrogate, span) if path else np.zeros((len(surrogate.frequency_hz), 1))
+    return Emitting(surrogate.coefficients, planck, sources)
 
 
 def trace_emission(
-    device: Device,
-    ends: Ends,
-    medium: Medium,
-    surrogate: Surrogate,
-    emitted: Array,
-    cutoff: float | None,
-    precision: str,
-) -> tuple[Shaded, int]:
-    """Optical depth and contrast where temperature fluctuates, and the voxels crossed; the path's own emission included."""
-    depths, contrasts, crossed = [], [], 0
+    device: Device, ends: Ends, medium: Medium, tables: Emitting, cutoff: float | None, precision: str
+) -> tuple[Paths, Shaded]:
+    """Optical depth and contrast where temperature fluctuates, the path's own emission included."""
     path_length, surface = _own_ends(device, ends, cutoff)
-    planck = _planck_powers(surrogate, medium.temperature_span)
-    for first in range(0, len(surrogate.frequency_hz), EMISSION_AT_ONCE):
-        some = slice(first, first + EMISSION_AT_ONCE)
-        tables = surrogate.coefficients[some], planck[some], emitted[:, some]
-        depth, contrast, segments = _emission_pass(device, ends, medium, tables, cutoff, path_length, surface, precision)
-        depths.append(depth)
-        contrasts.append(contrast)
+    parts, crossed = [], 0
+    for first in range(0, len(tables.coefficients), EMISSION_AT_ONCE):
+        some = tables.some(first)
+        shaded, segments = _emission_pass(device, ends, medium, some, cutoff, (path_length, surface), precision)
+        parts.append(shaded)
         crossed += int(segments.host().sum(dtype=np.int64))
-    return _shaded(ends.geometry, depths, contrasts, path_length, surface), crossed
+    paths = Paths(path_length, surface, ends.blend, None, crossed)
+    if len(parts) == 1:
+        return paths, parts[0]
+    depth, contrast = (device.put(np.concatenate([getattr(p, n).host() for p in parts])) for n in ("depth", "contrast"))
+    return paths, Shaded(depth, contrast)
 
 
 def _emission_pass(
     device: Device,
     ends: Ends,
     medium: Medium,
-    tables: tuple[Array, Array, Array],
+    tables: Emitting,
     cutoff: float | None,
-    path_length: Buffer,
-    surface: Buffer,
+    own_ends: tuple[Buffer, Buffer],
     precision: str,
-) -> tuple[Buffer, Buffer, Buffer]:
-    """One pass through the cube; `tables` are absorption and Planck coefficients, and what the surfaces emit."""
-    (count, powers_d, powers_t), powers_b = tables[0].shape, tables[1].shape[1]
-    options = _options(cutoff, FREQUENCIES=count, HUMIDITY_POWERS=powers_d, TEMPERATURE_POWERS=powers_t, PLANCK_POWERS=powers_b)
-    program = device.build(("camera", "march", "emission"), precision, options)
+) -> tuple[Shaded, Buffer]:
+    (count, powers_d, powers_t), powers_b = tables.coefficients.shape, tables.planck.shape[1]
+    numbers = {"FREQUENCIES": count, "HUMIDITY_POWERS": powers_d, "TEMPERATURE_POWERS": powers_t, "PLANCK_POWERS": powers_b}
+    options = [*_options(ends, medium, cutoff, **numbers), *(["BILLBOARDS"] if len(ends.blend) > 1 else [])]
+    program = device.build(("camera", "march", "source", "emission"), precision, options)
     depth, contrast = (device.empty((count, ends.rays), precision) for _ in range(2))
     segments = device.empty((ends.rays // device.lanes(precision),), np.int32)
     program.run(
@@ -208,15 +287,17 @@ def _emission_pass(
         medium.delta,
         medium.offset,
         *_placed(device, ends, medium),
-        path_length,
-        surface,
-        *(device.put(table, precision) for table in tables),
+        *own_ends,
+        device.put(tables.coefficients, precision),
+        device.put(tables.planck, precision),
+        device.put(tables.sources, precision),
+        ends.blend,
         np.dtype(precision).type(cutoff or np.inf),
         segments,
         depth,
         contrast,
     )
-    return depth, contrast, segments
+    return Shaded(depth, contrast), segments
 
 
 def _planck_powers(surrogate: Surrogate, span: tuple[float, float]) -> Array:
@@ -231,8 +312,33 @@ def _planck_powers(surrogate: Surrogate, span: tuple[float, float]) -> Array:
     return np.array([[0.0, *(np.asarray(c, dtype=np.float64) / largest ** np.arange(7))] for c in fits])
 
 
-def _options(guarded: object, **numbers: int) -> list[str]:
-    return [f"{name}={value}" for name, value in numbers.items()] + ([f"CUTOFF={DEPTH_CHECKED_EVERY}"] if guarded else [])
+def _surfaces(geometry: Geometry) -> list[str]:
+    """The build options that name what can be met."""
+    present = (("GROUND", geometry.ground), ("BOXES", len(geometry.boxes)), ("BILLBOARDS", len(geometry.billboards)))
+    return [name for name, there in present if there]
+
+
+def _things(device: Device, geometry: Geometry) -> tuple[object, ...]:
+    """The kernel arguments that describe what can be met; of nothing, one row that is not looked at."""
+
+    def table(rows: NDArray[Any], dtype: Any) -> Buffer:
+        return device.put(rows if rows.size else np.zeros(8), dtype)
+
+    return (
+        table(geometry.boxes, device.wide),
+        table(geometry.stripes, np.int32),
+        np.int32(len(geometry.boxes)),
+        table(geometry.billboards, device.wide),
+        table(geometry.textures, np.int32),
+        table(geometry.texels, np.float32),
+        np.int32(len(geometry.billboards)),
+    )
+
+
+def _options(ends: Ends, medium: Medium, guarded: object, **numbers: int) -> list[str]:
+    options = [f"{name}={value}" for name, value in numbers.items()]
+    options += [f"CUTOFF={DEPTH_CHECKED_EVERY}"] if guarded else []
+    return options + (["OUTGOING"] if ends.outgoing else []) + (["MOTION"] if medium.time is not None else [])
 
 
 def _size(geometry: Geometry) -> tuple[np.int32, np.int32]:
@@ -242,7 +348,8 @@ def _size(geometry: Geometry) -> tuple[np.int32, np.int32]:
 def _placed(device: Device, ends: Ends, medium: Medium) -> tuple[object, ...]:
     """The kernel arguments that place the rays in the cube and say how far they reach."""
     frame, log2n = device.put(medium.frame, device.wide), np.int32(medium.grid.bit_length() - 1)
-    return frame, *_size(ends.geometry), log2n, ends.reach, ends.stretch
+    time = ends.reach if medium.time is None else medium.time
+    return frame, *_size(ends.geometry), log2n, ends.reach, ends.end, time, ends.stretch
 
 
 def _own_ends(device: Device, ends: Ends, cut: object) -> tuple[Buffer, Buffer]:
@@ -250,14 +357,3 @@ def _own_ends(device: Device, ends: Ends, cut: object) -> tuple[Buffer, Buffer]:
     if not cut:
         return ends.path_length, ends.surface
     return device.put(ends.path_length.host()), device.put(ends.surface.host())
-
-
-def _shaded(geometry: Geometry, depths: list[Buffer], contrasts: list[Buffer], path_length: Buffer, surface: Buffer) -> Shaded:
-    shape = (geometry.raster.rows, geometry.raster.columns)
-
-    def image(parts: list[Buffer]) -> NDArray[Any]:
-        arrays = [part.host()[..., : geometry.raster.rays] for part in parts]
-        joined = arrays[0] if len(arrays) == 1 else np.concatenate(arrays)
-        return joined.reshape(*joined.shape[:-1], *shape)
-
-    return Shaded(image(depths), image(contrasts), image([path_length]), image([surface]))

@@ -2,11 +2,12 @@
 
 from thzcl.scenario.document import SHIPPED, Document, Scenario, Variant, find, parse, read, shipped
 from thzcl.scenario.problems import ScenarioError, Trouble, validate
-from thzcl.scenario.scene import Camera, Scene
+from thzcl.scenario.scene import Box, Camera, Scene
 from thzcl.scenario.table import Table, key
 
 __all__ = [
     "SHIPPED",
+    "Box",
     "Camera",
     "Document",
     "Scenario",

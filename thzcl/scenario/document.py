@@ -12,6 +12,7 @@ from typing import Any
 
 import tomli
 
+from thzcl.files import inside
 from thzcl.scenario import toml
 from thzcl.scenario.problems import Path as KeyPath
 from thzcl.scenario.problems import ScenarioError, Trouble, shown, suggest, validate
@@ -42,6 +43,11 @@ class Scenario:
     folder: Path  # that relative paths in it start from
     text: str
     variants: tuple[Variant, ...]
+    allow_outside: bool = False  # whether its pictures and tables may lie outside the folder
+
+    def locate(self, name: str) -> Path:
+        """The picture or table of that name. Raises ValueError for one outside the folder, unless allowed."""
+        return inside(self.folder, name, allow_outside=self.allow_outside)
 
     @property
     def seed(self) -> int:
@@ -102,7 +108,7 @@ def read(source: str | Path, settings: Mapping[str, Any] | None = None) -> Docum
     `settings` maps dotted keys to values. Raises ScenarioError if there is no such file or it is not TOML.
     """
     path = find(source)
-    text = _text(path)
+    text, folder = _text(path)
     try:
         data = tomli.loads(text)
     except tomli.TOMLDecodeError as error:
@@ -116,7 +122,7 @@ def read(source: str | Path, settings: Mapping[str, Any] | None = None) -> Docum
         raise ScenarioError(troubles)
     changed = frozenset(_split(name) for name in settings or {})
     _draw_seed(data)
-    return Document(path.stem, str(path), path.parent, data, toml.line_numbers(text), changed)
+    return Document(path.stem, str(path), folder, data, toml.line_numbers(text), changed)
 
 
 def _draw_seed(data: dict[str, Any]) -> None:
@@ -151,31 +157,35 @@ def shipped() -> dict[str, str]:
     return found
 
 
-def _text(path: Path) -> str:
+def _text(path: Path) -> tuple[str, Path]:
+    """The text of a scenario and the folder that its paths start from."""
     try:
         if path.suffix == ".nc":
             return _stored_text(path)
         if path.stat().st_size > LARGEST_FILE:
             raise ScenarioError([f"{path}: larger than {LARGEST_FILE / 1e6:g} MB; a scenario is a short TOML file"])
-        return path.read_text(encoding="utf-8")
+        return path.read_text(encoding="utf-8"), path.parent
     except UnicodeDecodeError as error:
         raise ScenarioError([f"{path}: not UTF-8 text (byte {error.start}); save it as UTF-8"]) from None
     except OSError as error:
         raise ScenarioError([f"{path}: cannot be read: {error.strerror or error}; give a TOML file"]) from None
 
 
-def _stored_text(path: Path) -> str:
-    """The scenario that a result file carries."""
+def _stored_text(path: Path) -> tuple[str, Path]:
+    """The scenario that a result file carries, and its first folder, if that is still there."""
     import h5netcdf
 
     try:
         with h5netcdf.File(path, "r") as file:
-            return str(file.attrs["scenario_toml"])
+            text, folder = str(file.attrs["scenario_toml"]), Path(str(file.attrs.get("scenario_folder", path.parent)))
     except KeyError:
         raise ScenarioError([f"{path}: holds no scenario; give a result written by `thzcl run`"]) from None
+    return text, folder if folder.is_dir() else path.parent
 
 
-def parse(document: Document, check_sensor: SensorTroubles, names: Sequence[str] = ()) -> Scenario:
+def parse(
+    document: Document, check_sensor: SensorTroubles, names: Sequence[str] = (), *, allow_outside: bool = False
+) -> Scenario:
     """The scenario, its variants applied; all of them, or those of the given names.
 
     `check_sensor` says what is wrong with a [sensor] table. Raises ScenarioError with every problem at once.
@@ -200,7 +210,7 @@ def parse(document: Document, check_sensor: SensorTroubles, names: Sequence[str]
             variants.append(Variant(entry.name, scene))
     if troubles or unknown:
         raise ScenarioError([*unknown, *document.problems(troubles)])
-    return Scenario(document.name, document.folder, toml.dumps(document.data), tuple(variants))
+    return Scenario(document.name, document.folder, toml.dumps(document.data), tuple(variants), allow_outside)
 
 
 def _variant_tables(data: Any) -> tuple[list[VariantTable], list[Trouble]]:

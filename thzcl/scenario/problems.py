@@ -90,24 +90,30 @@ def _of_sound_parts(model: type[BaseModel], data: Any) -> list[Trouble]:
 def _tables_within(model: type[BaseModel], data: Any) -> Iterator[tuple[Path, type[BaseModel], Mapping[str, Any]]]:
     """Path, model and data of each table directly within another, and of each named one in a table of tables."""
     for name, field in model.model_fields.items() if isinstance(data, Mapping) else ():
-        inner, value = _model_in(field.annotation), data.get(name)
-        if inner is None or not isinstance(value, Mapping):
-            continue
-        if _is_table_of_tables(field.annotation):
-            yield from (((name, key), inner, part) for key, part in value.items() if isinstance(part, Mapping))
-        else:
-            yield (name,), inner, value
+        value = data.get(name)
+        parts: list[tuple[Path, Any]] = [((name,), value)]
+        if get_origin(field.annotation) is dict and isinstance(value, Mapping):
+            parts = [((name, key), part) for key, part in value.items()]
+        for path, part in parts:
+            inner = _model_for(field.annotation, part)
+            if inner is not None and isinstance(part, Mapping):
+                yield path, inner, part
 
 
-def _is_table_of_tables(annotation: Any) -> bool:
-    return get_origin(annotation) is dict
+def _model_for(annotation: Any, data: Any) -> type[BaseModel] | None:
+    """The table that an annotation such as `Table | None` means for some data: of several, that of the data's kind."""
+    models = list(_models_in(annotation))
+    if len(models) < 2:
+        return models[0] if models else None
+    kind = data.get("kind") if isinstance(data, Mapping) else None
+    return next((m for m in models if kind in get_args(m.model_fields["kind"].annotation)), None)
 
 
-def _model_in(annotation: Any) -> type[BaseModel] | None:
-    """The table in an annotation such as `Table | None` or `dict[str, Table]`."""
+def _models_in(annotation: Any) -> Iterator[type[BaseModel]]:
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
-        return annotation
-    return next((found for part in get_args(annotation) if (found := _model_in(part))), None)
+        yield annotation
+    for part in get_args(annotation):
+        yield from _models_in(part)
 
 
 def _translate(error: ValidationError, model: type[BaseModel], data: Any) -> list[Trouble]:
@@ -119,7 +125,7 @@ def _translate(error: ValidationError, model: type[BaseModel], data: Any) -> lis
     for path, items in by_path.items():
         # A value of the right kind is told its limits, not what else it might have been.
         telling = [item for item in items if item["type"] not in _KINDS] or items
-        texts = dict.fromkeys(_sentence(item, model, path) for item in telling)
+        texts = dict.fromkeys(_sentence(item, model, path, data) for item in telling)
         troubles.append(Trouble(path, _joined(list(texts))))
     return troubles
 
@@ -151,18 +157,22 @@ def _real_path(location: Iterable[str | int], data: Any) -> Path:
     return tuple(path)
 
 
-def _sentence(item: Any, model: type[BaseModel], path: Path) -> str:  # noqa: PLR0911 (one for each kind of error)
+def _sentence(item: Any, model: type[BaseModel], path: Path, data: Any) -> str:  # noqa: PLR0911 (one for each kind)
     kind, value, context = item["type"], item["input"], item.get("ctx", {})
     name = str(path[-1]) if path else ""
     if kind == "missing":
-        return "missing" + _meaning(model, path)
+        return "missing" + _meaning(model, path, data)
     if kind == "extra_forbidden":
-        return f"unknown key ({suggest(name, _known_keys(model, path[:-1]))})"
-    if kind in ("literal_error", "union_tag_invalid", "union_tag_not_found", "enum"):
-        return f"must be {context.get('expected', context.get('expected_tags', 'given'))}, not {shown(value)}"
+        return f"unknown key ({suggest(name, _known_keys(model, path[:-1], data))})"
+    if kind == "union_tag_not_found":
+        return "missing: kind, which says what it is; known are in `thzcl schema`"
+    if kind == "union_tag_invalid":
+        return f"kind must be {context['expected_tags'].replace(', ', ' or ')}, not {shown(value.get('kind'))}"
+    if kind == "literal_error":
+        return f"must be {context.get('expected')}, not {shown(value)}"
     if kind in _LIMITS:
         limit = next(v for k, v in context.items() if k in ("gt", "ge", "lt", "le"))
-        return f"must be {_LIMITS[kind]} {limit:g}{_unit(model, path)}, not {shown(value)}"
+        return f"must be {_LIMITS[kind]} {limit:g}{_unit(model, path, data)}, not {shown(value)}"
     if kind in _KINDS:
         return f"must be {_KINDS[kind]}, not {shown(value)}"
     if kind in ("too_short", "too_long"):
@@ -217,34 +227,37 @@ def suggest(name: str, known: Iterable[str]) -> str:
     return f"known: {', '.join(names)}" if names else "nothing is known here"
 
 
-def _field(model: type[BaseModel], path: Path) -> Any:
+def _field(model: type[BaseModel], path: Path, data: Any) -> Any:
     """The field that a path leads to, through nested tables; None where it leads nowhere."""
     field = None
     table: type[BaseModel] | None = model
-    names = iter(path)
-    for part in names:
-        if isinstance(part, int):
-            continue
-        field = table.model_fields.get(str(part)) if table else None
-        table = _model_in(field.annotation) if field else None
-        if field and _is_table_of_tables(field.annotation):
-            next(names, None)
+    names = [part for part in path if not isinstance(part, int)]
+    while names:
+        name = str(names.pop(0))
+        field = table.model_fields.get(name) if table else None
+        data = data.get(name) if isinstance(data, Mapping) else None
+        if field and get_origin(field.annotation) is dict and names:
+            data = data.get(names.pop(0)) if isinstance(data, Mapping) else None
+        table = _model_for(field.annotation, data) if field else None
     return field
 
 
-def _known_keys(model: type[BaseModel], path: Path) -> Iterable[str]:
-    field = _field(model, path)
-    table = _model_in(field.annotation) if field else model if not path else None
+def _known_keys(model: type[BaseModel], path: Path, data: Any) -> Iterable[str]:
+    inner: Any = data
+    for part in path:
+        inner = inner.get(part) if isinstance(inner, Mapping) else None
+    field = _field(model, path, data)
+    table = _model_for(field.annotation, inner) if field else model if not path else None
     return table.model_fields if table else ()
 
 
-def _meaning(model: type[BaseModel], path: Path) -> str:
-    description = getattr(_field(model, path), "description", None)
-    return f"; give the {description}" if description else ""
+def _meaning(model: type[BaseModel], path: Path, data: Any) -> str:
+    description = getattr(_field(model, path, data), "description", None)
+    return f": {description}" if description else ""
 
 
-def _unit(model: type[BaseModel], path: Path) -> str:
-    extra = getattr(_field(model, path), "json_schema_extra", None) or {}
+def _unit(model: type[BaseModel], path: Path, data: Any) -> str:
+    extra = getattr(_field(model, path, data), "json_schema_extra", None) or {}
     return f" {extra['unit']}" if extra.get("unit") else ""
 
 

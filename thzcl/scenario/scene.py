@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import BeforeValidator, Field
@@ -60,6 +61,7 @@ class Fluctuations(Table):
     grid_orientation: Literal["oblique", "aligned"] = key("oblique", help="the cube's axes against the world's")
     temperature_sigma_k: float | None = key(None, ge=0, le=50, unit="K", help="standard deviation of air temperature")
     structure_constant_t: float | None = key(None, ge=0, unit="K^2 m^-2/3", help="C_T^2 of air temperature")
+    wind_m_s: Vector = key((0.0, 0.0, 0.0), help="wind that carries the cube along, frozen [x, y, z]", unit="m/s")
     correlation_tq: float = key(0.0, ge=-1, le=1, help="correlation of temperature and humidity")
 
     def troubles(self) -> list[Trouble]:  # noqa: D102 (Table's)
@@ -142,10 +144,46 @@ class Box(Table):
         (), help="stripes on a face; one table, or a list of them"
     )
 
+    def holds(self, point: Vector) -> bool:
+        """Whether a point lies inside."""
+        yaw = math.radians(self.yaw_deg)
+        x, y, z = (p - c for p, c in zip(point, self.center_m, strict=True))
+        own = (math.cos(yaw) * x + math.sin(yaw) * y, math.cos(yaw) * y - math.sin(yaw) * x, z)
+        return all(abs(part) < size / 2 for part, size in zip(own, self.size_m, strict=True))
+
     def troubles(self) -> list[Trouble]:  # noqa: D102 (Table's)
         faces = [bars.face for bars in self.bars]
         twice = {face for face in faces if faces.count(face) > 1}
         return [Trouble(("bars",), f'face "{face}" has two sets of bars; give one') for face in sorted(twice)]
+
+
+class Billboard(Table):
+    """An upright rectangle with a picture of temperature or reflectivity on it, seen from both sides."""
+
+    kind: Literal["billboard"] = key(help='"billboard"')
+    center_m: Vector = key(help="centre [x, y, z]", unit="m")
+    size_m: tuple[Positive, Positive] = key(help="width and height", unit="m")
+    facing_deg: float = key(help="direction of its front, counter-clockwise from +x seen from above", unit="deg")
+    image: str = key(help="PNG or TIFF of 8 or 16 bit, or .npy in kelvin or reflectivity; from the scenario's folder")
+    quantity: Literal["temperature", "reflectivity"] = key(help="what the image shows")
+    range: tuple[float, float] | None = key(None, help="the quantity's value at black and at white, for a picture")
+    mask: str | None = key(None, help="picture of the same size; where it is dark, one sees past the billboard")
+    interpolation: Literal["bilinear", "nearest"] = key("bilinear", help="between the image's pixels")
+    temperature_k: Kelvin | None = key(None, help="temperature, where the image shows reflectivity", unit="K")
+    reflectivity: Fraction = key(0.0, help="power reflectivity, where the image shows temperature")
+
+    def troubles(self) -> list[Trouble]:  # noqa: D102 (Table's)
+        found = []
+        if self.quantity == "temperature" and self.temperature_k is not None:
+            found.append(Trouble(("temperature_k",), "is given by the image; remove it"))
+        if self.quantity == "reflectivity" and self.reflectivity:
+            found.append(Trouble(("reflectivity",), "is given by the image; remove it"))
+        if self.range is not None:
+            most = 1.0 if self.quantity == "reflectivity" else 1e19
+            if not all(0 <= end <= most for end in self.range):
+                unit = "" if most == 1.0 else " K"
+                found.append(Trouble(("range",), f"must lie between 0 and {most:g}{unit}, not {list(self.range)}"))
+        return found
 
 
 class Background(Table):
@@ -172,6 +210,8 @@ class Output(Table):
     """What the result file holds beyond the images."""
 
     save_field: bool = key(False, help="store the humidity cube (and the temperature cube)")
+    figure_columns: int | None = key(None, ge=1, le=100, help="panels to a row of the picture")
+    difference: tuple[str, str] | None = key(None, help="two variants whose images' difference is shown and stored too")
 
 
 class SensorChoice(Table):
@@ -188,7 +228,7 @@ class Scene(Table):
     atmosphere: Atmosphere = key(help="the air")
     sensor: SensorChoice = key(help="the sensor")
     ground: Ground | None = key(None, help="the plane z = 0; leave the table out for no ground")
-    targets: dict[str, Box] = key({}, help="targets by name")
+    targets: dict[str, Annotated[Box | Billboard, Field(discriminator="kind")]] = key({}, help="targets by name")
     background: Background = key(Background(), help="what lies behind and around")
     numerics: Numerics = key(Numerics(), help="how the numbers are computed")
     output: Output = key(Output(), help="what the result file holds beyond the images")
