@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from thzcl.sensor import FrequenciesGHz, Image, Needs, Parameters, Radiances, Sensor, View, hookimpl, parameter
+from thzcl.sensor import FrequenciesGHz, Image, Needs, Optics, Parameters, Radiances, Sensor, View, hookimpl, parameter
 
 
 class PassiveSpectral(Sensor):
@@ -22,10 +22,11 @@ class PassiveSpectral(Sensor):
         """Parameters of the passive spectral imager."""
 
         frequency_ghz: FrequenciesGHz = parameter(help="frequency, or a list of them", unit="GHz")
+        optics: Optics | None = parameter(None, help="blur; leave the table out for none")
 
     def needs(self, view: View) -> Needs:  # noqa: ARG002 (the contract's)
         """The given frequencies."""
-        return Needs(frequency_hz=np.unique(self.params.frequency_ghz) * 1e9)
+        return Needs(frequency_hz=np.unique(self.params.frequency_ghz) * 1e9, optics=self.params.optics)
 
     def observe(self, sight: Radiances, rng: np.random.Generator) -> Image:  # noqa: ARG002 (as above)
         """Brightness temperature in kelvin, averaged over the frequencies."""

@@ -50,6 +50,9 @@ Settings = Annotated[
 ]
 Variants = Annotated[Optional[list[str]], typer.Option("--variant", metavar="NAME", help="only this variant; may be repeated")]
 DeviceChoice = Annotated[Optional[str], typer.Option("--device", metavar="D", help="device: a number, or part of its name")]
+AllowOutside = Annotated[
+    bool, typer.Option("--allow-outside", help="let pictures and tables lie outside the scenario's folder")
+]
 HowToPrint = Annotated[Format, typer.Option("--format", help="how to print")]
 HowToTabulate = Annotated[TableFormat, typer.Option("--format", help="how to print")]
 
@@ -81,7 +84,7 @@ def _explained(error: Exception) -> int:
     if isinstance(error, OSError):
         place = f"{error.filename}: " if error.filename else ""
         return _complain([f"{place}{error.strerror or error}; choose another place, or make room"], 2)
-    codes = {"ScenarioError": 2, "PluginError": 2, "UsageError": 2, "DeviceError": 3, "NumbersError": 4}
+    codes = {"ScenarioError": 2, "PluginError": 2, "UsageError": 2, "DeviceError": 3, "NumbersError": 4, "SensorFailure": 4}
     if type(error).__name__ not in codes:
         raise error
     return _complain(getattr(error, "problems", [str(error)]), codes[type(error).__name__])
@@ -116,6 +119,7 @@ def run(
     settings: Settings = None,
     variant: Variants = None,
     device: DeviceChoice = None,
+    allow_outside: AllowOutside = False,
     no_figure: Annotated[bool, typer.Option("--no-figure", help="write no picture")] = False,
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="print nothing but errors")] = False,
     how: HowToPrint = Format.text,
@@ -135,6 +139,7 @@ def run(
                 variants=variant or (),
                 device=device,
                 figure=not no_figure,
+                allow_outside=allow_outside,
                 progress=progress,
             )
         except pipeline.NumbersError as failure:
@@ -156,20 +161,26 @@ def run(
 
 
 @app.command()
-def check(scenario: Source, settings: Settings = None, variant: Variants = None) -> None:
+def check(scenario: Source, settings: Settings = None, variant: Variants = None, allow_outside: AllowOutside = False) -> None:
     """Validate a scenario, and report every problem at once."""
     from thzcl import pipeline
 
-    found = pipeline.prepare(scenario, _changes(settings), variant or ())
+    found = pipeline.prepare(scenario, _changes(settings), variant or (), allow_outside=allow_outside)
     print(f"{found.scenario.name}: sound, {len(found.variants)} image{'s' * (len(found.variants) > 1)}")
 
 
 @app.command()
-def plan(scenario: Source, settings: Settings = None, variant: Variants = None, how: HowToPrint = Format.text) -> None:
+def plan(
+    scenario: Source,
+    settings: Settings = None,
+    variant: Variants = None,
+    allow_outside: AllowOutside = False,
+    how: HowToPrint = Format.text,
+) -> None:
     """Show which stages a scenario needs, which are left out and why, memory and work; compute nothing."""
     from thzcl import overview, pipeline, printing
 
-    found = overview.as_json(pipeline.prepare(scenario, _changes(settings), variant or ()))
+    found = overview.as_json(pipeline.prepare(scenario, _changes(settings), variant or (), allow_outside=allow_outside))
     if how is Format.json:
         print(json.dumps(found, indent=2))
     else:
@@ -233,10 +244,21 @@ def sensors(
     from thzcl import plugins, printing
 
     if name is not None:
-        print(plugins.manual(name))
+        page, rows = plugins.manual(name)
+        print(page)
+        printing.table(f'[sensor] kind = "{name}"', ["key", "unit", "default", "limits", "meaning"], rows)
         return
     rows = [[origin.name, origin.distribution, plugins.summary(origin)] for origin in plugins.origins()]
     printing.table("", ["sensor", "from", ""], rows)
+
+
+@app.command(name="new-sensor")
+def new_sensor(name: Annotated[str, typer.Argument(metavar="NAME", help="name of the sensor, as [sensor] kind")]) -> None:
+    """Write a package with a sensor of your own to start from: it installs and runs as it is."""
+    from thzcl import newsensor
+
+    folder = newsensor.write(name, Path())
+    print(f"wrote {folder}; next: pip install ./{folder} && thzcl run {folder}/scene.toml")
 
 
 @app.command()

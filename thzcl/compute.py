@@ -120,10 +120,12 @@ def _isothermal(
 def _shade(device: Device, variant: VariantPlan, paths: Paths, coefficients: Array) -> tuple[Array, Array]:
     """Optical depth and contrast on the host, (band, ray with padding)."""
     table = sources(variant.scene, variant.needs, variant.surfaces, variant.frequency_hz)
-    if variant.weights is None:
+    if variant.weights is None or variant.transmission_weights is None:
         shaded = trace.shade(device, paths, coefficients, table, variant.precision)
         return shaded.depth.host(), shaded.contrast.host()
-    shaded = trace.shade_bands(device, paths, coefficients, table, variant.weights, variant.precision)
+    shaded = trace.shade_bands(
+        device, paths, coefficients, table, variant.weights, variant.transmission_weights, variant.precision
+    )
     return _depth_of(shaded.depth.host()), shaded.contrast.host()
 
 
@@ -151,8 +153,9 @@ def _emission(device: Device, group: Group, surrogate: Surrogate, media: list[Me
             contrast = contrast * np.exp(-out) * (found[-1][0].surface.host() > 0)
             depths = [depths[0], out]
         depth = sum(depths[1:], start=depths[0])
-        if variant.weights is not None:
-            depth, contrast = _depth_of(variant.weights @ np.exp(-depth)), variant.weights @ contrast
+        if variant.weights is not None and variant.transmission_weights is not None:
+            depth = _depth_of(variant.transmission_weights @ np.exp(-depth))
+            contrast = variant.weights @ contrast
         segments = sum(paths.segments for paths, _ in found)
         return _capture(variant, surrogate, (depth, contrast), [p for p, _ in found], surface, segments, lines)
 

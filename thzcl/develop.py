@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -27,7 +28,17 @@ def develop(captures: Sequence[Capture], clock: Clock) -> Radiances | Echoes:
     depth = _pixels(raster, _mean([c.optical_depth for c in captures]))
     length = _pixels(raster, _mean([c.path_length for c in captures]))
     cosine = None if first.cosine is None else _pixels(raster, first.cosine)
-    common = (frequency_hz, depth, length, _targets(variant, first), cosine)
+    weights = None if variant.needs.weights is None else np.atleast_2d(np.asarray(variant.needs.weights, dtype=np.float64))
+    common = (
+        frequency_hz,
+        depth,
+        length,
+        _targets(variant, first),
+        cosine,
+        math.prod(variant.pixel_rad),
+        variant.frequency_hz,
+        weights,
+    )
     if variant.needs.reflection:
         return Echoes(*common, contrast, _pixels(raster, first.outgoing_length))
     air_k = variant.scene.atmosphere.temperature_k

@@ -80,5 +80,11 @@ def _sensors() -> list[Finding]:
             findings.append(
                 Finding(f"sensor {origin.name}", False, f"{error}; mend: pip uninstall {origin.distribution}, or update it")
             )
-    names = ", ".join(origin.name for origin in plugins.origins())
+    known = plugins.origins()
+    for name in sorted({origin.name for origin in known}):
+        owners = [origin.distribution for origin in known if origin.name == name]
+        if len(owners) > 1:
+            text = f"claimed by {' and '.join(owners)}; mend: pip uninstall {owners[-1]}"
+            findings.append(Finding(f"sensor {name}", False, text))
+    names = ", ".join(origin.name for origin in known)
     return findings or [Finding("sensors", True, names)]

@@ -48,18 +48,21 @@ def picture(result: Result, path: Path) -> None:
 
 
 def _panels(result: Result) -> tuple[list[Panel], str]:
-    """The panels, and the heading above them all: their conditions stand there if they share them."""
-    images = [(v.name, v.image, words) for v, words in zip(result.variants, result.conditions, strict=True) if v.image]
-    same = len({words for _, _, words in images}) == 1
-    found = [
-        Panel(name if same else f"{name}\n{words}", image.values, image.quantity, image.unit, "gray")
-        for name, image, words in images
-    ]
+    """The panels, and the heading above them all: conditions that all share stand there, the others over each."""
+    shown = [(v.name, v.image, words) for v, words in zip(result.variants, result.conditions, strict=True) if v.image]
+    shared = [len(set(parts)) == 1 for parts in zip(*(words for _, _, words in shown), strict=True)]
+    found = []
+    for name, image, words in shown:
+        own = [word for word, same in zip(words, shared, strict=True) if not same]
+        found.append(
+            Panel("\n".join([name, *([", ".join(own)] if own else [])]), image.values, image.quantity, image.unit, "gray")
+        )
     difference = result.image_difference()
     if difference is not None and result.difference is not None:
         title = " less ".join(result.difference)
         found.append(Panel(title, difference, f"difference of {found[0].quantity}", found[0].unit, "RdBu_r"))
-    return found, f"{result.scenario}: {images[0][2]}" if same else result.scenario
+    common = [word for word, same in zip(shown[0][2], shared, strict=True) if same]
+    return found, ": ".join([result.scenario, *([", ".join(common)] if common else [])])
 
 
 def _draw(figure: Any, ax: Any, angles_mrad: tuple[Any, Any], panel: Panel) -> None:
@@ -68,11 +71,11 @@ def _draw(figure: Any, ax: Any, angles_mrad: tuple[Any, Any], panel: Panel) -> N
     if panel.colours != "gray":
         low, high = -max(-low, high), max(-low, high)
     if low == high:
-        low, high = low - 0.5, high + 0.5
+        high = low + 1.0
     half_x, half_y = _half_step(x), _half_step(y)
     extent = (x[0] - half_x, x[-1] + half_x, y[-1] - half_y, y[0] + half_y)
     shown = ax.imshow(panel.values, cmap=panel.colours, vmin=low, vmax=high, extent=extent, interpolation="nearest")
-    ax.set_title(panel.title, fontsize=8 if "\n" in panel.title else 9)
+    ax.set_title(panel.title, fontsize=9)
     ax.tick_params(labelsize=7)
     ax.set_xlabel("mrad", fontsize=7)
     bar = figure.colorbar(shown, ax=ax, shrink=0.85)

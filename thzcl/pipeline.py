@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 import thzcl
 from thzcl import overview, plugins, scenario
@@ -18,7 +19,7 @@ from thzcl.geometry import FIRST_TARGET, ROTATIONS
 from thzcl.plan import Plan, PlanError, VariantPlan, by_key, make_plan
 from thzcl.result import Cube, Result, VariantResult
 from thzcl.scenario import Document, ScenarioError, Trouble
-from thzcl.sensor import Echoes, Image, Radiances
+from thzcl.sensor import Echoes, Image, Layer, Radiances
 
 if TYPE_CHECKING:
     from thzcl.absorption import Surrogate
@@ -26,6 +27,7 @@ if TYPE_CHECKING:
     from thzcl.field import Field
 
 Sight = Radiances | Echoes
+Array = NDArray[np.float64]
 PACKAGES = ("numpy", "scipy", "pyopencl", "reikna", "pluggy", "pydantic", "h5netcdf")
 
 
@@ -191,16 +193,18 @@ def _observe(variant: VariantPlan, sight: Sight, rng: np.random.Generator, so_fa
 
     try:
         image = variant.sensor.observe(sight, rng)
-    except Exception as error:  # whatever a stranger's sensor raises
+    except (Exception, SystemExit) as error:  # whatever a stranger's sensor raises
         raise failed(f"{type(error).__name__}: {error}") from error
-    if not isinstance(image, Image):
-        raise failed(f"returned {type(image).__name__} instead of an Image")
+    if not isinstance(image, Image) or not all(isinstance(layer, Layer) for layer in image.layers.values()):
+        raise failed(f"returned {type(image).__name__} instead of an Image, and of Layers")
     shape = sight.target.shape
-    layers = {"image": image.values} | {name: layer.values for name, layer in image.layers.items()}
-    for name, values in layers.items():
+    planes = {"image": image.values} | {name: layer.values for name, layer in image.layers.items()}
+    for name, values in planes.items():
         if np.shape(values) != shape:
             raise failed(f"returned {name} of shape {np.shape(values)}; the image has {shape}")
-        if not np.isfinite(np.asarray(values, dtype=np.float64)).all():
+        if np.asarray(values).dtype.kind not in "fiub":
+            raise failed(f"returned {name} whose values are not numbers")
+        if not np.isfinite(values).all():
             raise failed(f"returned {name} with values that are not finite")
     return image
 
@@ -252,16 +256,27 @@ def _angles(camera: scenario.Camera) -> tuple[np.ndarray[Any, Any], np.ndarray[A
     return 1e3 * np.arctan2(right, camera.focal_length_mm), 1e3 * np.arctan2(up, camera.focal_length_mm)
 
 
-def _conditions(variant: VariantPlan, sight: Sight) -> str:
-    """Frequency, range and air in words, for a picture's title."""
+def _conditions(variant: VariantPlan, sight: Sight) -> tuple[str, ...]:
+    """Frequency, range and air in words, for a picture's titles."""
     air = variant.scene.atmosphere.air
-    ghz = variant.frequency_hz / 1e9
-    band = f"{ghz[0]:g} GHz" if len(ghz) == 1 else f"{ghz[0]:.4g}-{ghz[-1]:.4g} GHz"
     on_target = sight.target >= FIRST_TARGET
     seen = on_target if on_target.any() else np.ones_like(on_target)
-    metres = float(np.median(sight.path_length[seen]))
-    state = f"{air.temperature_k:g} K, {air.relative_humidity_percent:.3g} % RH, {air.absolute_humidity_g_m3:.3g} g/m³"
-    return f"{band}, {metres:.3g} m, {state}, {air.pressure_hpa:g} hPa"
+    return (
+        _band(variant.frequency_hz / 1e9),
+        f"{float(np.median(sight.path_length[seen])):.3g} m",
+        f"{air.temperature_k:.5g} K",
+        f"{air.relative_humidity_percent:.3g} % RH",
+        f"{air.absolute_humidity_g_m3:.3g} g/m³",
+        f"{air.pressure_hpa:g} hPa",
+    )
+
+
+def _band(ghz: Array) -> str:
+    """A frequency, or the band that several lie in, to a twentieth of its width."""
+    if len(ghz) == 1:
+        return f"{ghz[0]:g} GHz"
+    step = 10.0 ** np.ceil(np.log10((ghz[-1] - ghz[0]) / 20))
+    return f"{np.floor(ghz[0] / step) * step:g}-{np.ceil(ghz[-1] / step) * step:g} GHz"
 
 
 def _cubes(plan: Plan, seen: Mapping[str, Seen]) -> tuple[Cube, ...]:

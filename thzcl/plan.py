@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from thzcl import field_file, files, geometry, optics, plugins, radiometry
 from thzcl.absorption import Air, Surrogate, fit
-from thzcl.absorption.mpm93 import REFUSED_ABOVE_GHZ
+from thzcl.absorption.mpm93 import REFUSED_ABOVE_GHZ, line_centers_ghz, line_width_ghz
 from thzcl.field_file import CubeFile
 from thzcl.geometry import Geometry, Surface
 from thzcl.plugins import SensorFailure
@@ -110,6 +110,13 @@ class VariantPlan:
             return None
         times = np.asarray(self.needs.times_s, dtype=np.float64)
         return np.broadcast_to(times, (len(times), *self.geometry.raster.pixels))
+
+    @cached_property
+    def transmission_weights(self) -> Array | None:
+        """What a band's mean transmission is weighted with: for emission, the power that the air's temperature makes."""
+        if self.weights is None or self.needs.reflection:
+            return self.weights
+        return _normalised(self.weights * radiometry.planck(self.frequency_hz, self.scene.atmosphere.temperature_k))
 
     @property
     def pixel_rad(self) -> tuple[float, float]:
@@ -304,7 +311,9 @@ def _view(scene: Scene, air: Air, shape: Geometry, scenario: Scenario) -> View:
     lengths = sample_rays(shape)[1]
     paths = float(lengths.min()), float(lengths.max())
     pixels, angles = scene.camera.pixels, pixel_angles(scene)
-    return View(pixels, angles, air.temperature_k, paths, air.absorption, lambda name: files.read_table(scenario.locate(name)))
+    lines_hz, width_hz = line_centers_ghz() * 1e9, line_width_ghz(air.pressure_hpa) * 1e9
+    read = lambda name: files.read_table(scenario.locate(name))  # noqa: E731 (a view's one verb)
+    return View(pixels, angles, air.temperature_k, paths, air.absorption, lines_hz, width_hz, read)
 
 
 def _plan_field(folder: Path, scene: Scene, air: Air) -> FieldPlan | None:

@@ -9,19 +9,24 @@ import inspect
 from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib import import_module
-from typing import Any
+from typing import Any, get_args
 
 import pluggy
 
 from thzcl import hookspecs
 from thzcl.scenario import Trouble, validate
 from thzcl.scenario.document import VariantTable
-from thzcl.scenario.problems import shown, suggest
+from thzcl.scenario.problems import models_in, shown, suggest
 from thzcl.scenario.scene import Scene
 from thzcl.sensor import CONTRACT, Parameters, Sensor
 
 ENTRY_POINTS = "thzcl.sensors"
-_BUILT_IN = {"passive-spectral": "thzcl.sensors.passive_spectral"}
+_BUILT_IN = {
+    "passive-spectral": "thzcl.sensors.passive_spectral",
+    "passive-broadband": "thzcl.sensors.passive_broadband",
+    "active": "thzcl.sensors.active",
+    "raster-scan": "thzcl.sensors.raster_scan",
+}
 
 
 class PluginError(Exception):
@@ -62,7 +67,7 @@ def sensor_class(kind: str) -> type[Sensor]:
     if not same:
         raise PluginError(f'no sensor "{kind}" is installed ({suggest(kind, [origin.name for origin in known])})')
     if len(same) > 1:
-        owners = " and ".join(origin.distribution for origin in same)
+        owners = " and ".join(sorted(origin.distribution for origin in same))
         raise PluginError(f'"{kind}" is claimed by {owners}; uninstall one of them')
     return load(same[0])
 
@@ -75,7 +80,7 @@ def load(origin: Origin) -> type[Sensor]:
         manager.register(import_module(origin.module), origin.name)
         manager.check_pending()
         classes = [sensor for group in manager.hook.register_sensors() for sensor in group]
-    except Exception as error:  # whatever a stranger's module raises when imported
+    except (Exception, SystemExit) as error:  # whatever a stranger's module raises when imported
         raise _broken(origin, f"{type(error).__name__}: {error}") from error
     for sensor in classes:
         if getattr(sensor, "name", None) == origin.name:
@@ -120,16 +125,41 @@ def summary(origin: Origin) -> str:
     return inspect.cleandoc(sensor.__doc__ or "").split("\n\n")[0].replace("\n", " ")
 
 
-def manual(kind: str) -> str:
-    """A sensor's manual page and the table of its parameters. Raises PluginError."""
+def manual(kind: str) -> tuple[str, list[list[str]]]:
+    """A sensor's manual page, and a row for each of its parameters: key, unit, default, limits, meaning.
+
+    Raises PluginError.
+    """
     sensor = sensor_class(kind)
-    lines = [kind, "=" * len(kind), "", inspect.cleandoc(sensor.__doc__ or ""), "", f'[sensor] kind = "{kind}"']
-    properties = sensor.Params.model_json_schema().get("properties", {})
-    for name, field in sensor.Params.model_fields.items():
-        unit = properties[name].get("unit")
-        default = "required" if field.is_required() else f"default {shown(field.default)}"
-        lines.append(f"  {name}{f' [{unit}]' if unit else ''}: {field.description or ''} ({default})")
-    return "\n".join(lines)
+    page = inspect.cleandoc(sensor.__doc__ or "")
+    return f"{kind}\n{'=' * len(kind)}\n\n{page}", _parameter_rows(sensor.Params, "")
+
+
+def _parameter_rows(table: type[Parameters], prefix: str) -> list[list[str]]:
+    rows = []
+    for name, field in table.model_fields.items():
+        inner = next(models_in(field.annotation), None)
+        if inner is not None:
+            rows.append([f"{prefix}{name}", "", "left out", "a table", field.description or ""])
+            rows += _parameter_rows(inner, f"{prefix}{name}.")  # type: ignore[arg-type]
+            continue
+        extra = field.json_schema_extra if isinstance(field.json_schema_extra, dict) else {}
+        default = "required" if field.is_required() else "none" if field.default is None else shown(field.default)
+        rows.append([f"{prefix}{name}", str(extra.get("unit", "")), default, _limits(field), field.description or ""])
+    return rows
+
+
+def _limits(field: Any) -> str:
+    """Choices of a literal, or bounds of a number."""
+    choices = [shown(choice) for choice in get_args(field.annotation) if isinstance(choice, str)]
+    words = {"gt": "above", "ge": "at least", "lt": "below", "le": "at most"}
+    bounds = [
+        f"{word} {getattr(limit, name):g}"
+        for limit in field.metadata
+        for name, word in words.items()
+        if getattr(limit, name, None) is not None
+    ]
+    return " | ".join(choices) or ", ".join(bounds)
 
 
 def scenario_schema() -> dict[str, Any]:

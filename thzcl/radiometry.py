@@ -34,6 +34,13 @@ def planck(frequency_hz: Any, temperature_k: Any) -> Array:
     return np.asarray(radiance_unit(frequency_hz) * _occupation(frequency_hz, temperature_k))
 
 
+def planck_slope(frequency_hz: Any, temperature_k: Any) -> Array:
+    """Derivative of planck with temperature, W m-2 sr-1 Hz-1 K-1."""
+    n = _occupation(frequency_hz, temperature_k)
+    kelvin = np.asarray(temperature_k, dtype=np.float64)
+    return np.asarray(radiance_unit(frequency_hz) * n * (n + 1) * photon_temperature(frequency_hz) / kelvin**2)
+
+
 def planck_difference(frequency_hz: Any, temperature_k: Any, reference_k: Any) -> Array:
     """planck(T) - planck(T_reference), accurate however close the two temperatures are."""
     t, r = np.asarray(temperature_k, dtype=np.float64), np.asarray(reference_k, dtype=np.float64)

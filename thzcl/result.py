@@ -66,7 +66,7 @@ class Result:
     variants: tuple[VariantResult, ...]
     targets: tuple[str, ...]  # names by flag: background, ground, then the targets in file order
     pixel_angles_mrad: tuple[Array, Array]  # of the columns, of the rows, from the image centre
-    conditions: tuple[str, ...]  # of each variant's air and range, in words
+    conditions: tuple[tuple[str, ...], ...]  # of each variant's air and range, in words
     figure_columns: int | None
     difference: tuple[str, str] | None  # variants whose images' difference is stored too
     grid_rotation: Array

@@ -41,7 +41,7 @@ import pluggy
 from numpy.typing import ArrayLike, NDArray
 from pydantic import Field
 
-from thzcl import radiometry
+from thzcl import bands, radiometry
 from thzcl.scenario import Table as Parameters
 from thzcl.scenario import key as parameter
 
@@ -58,8 +58,10 @@ __all__ = [
     "Radiances",
     "Sensor",
     "View",
+    "bands",
     "hookimpl",
     "parameter",
+    "radiometry",
 ]
 
 CONTRACT = 1
@@ -89,6 +91,8 @@ class View:
     air_temperature_k: float
     path_m: tuple[float, float]  # shortest and longest ray, about
     absorption: Callable[[Array], Array]  # of the mean air, 1/m, at frequencies in Hz
+    lines_hz: Array  # where its lines are
+    line_width_hz: float  # and how wide, about
     table: Callable[[str], Array]  # rows of numbers of a CSV file beside the scenario
 
 
@@ -121,6 +125,9 @@ class _Sight:
     path_length: NDArray[Any]  # (y, x), m
     target: NDArray[Any]  # (y, x): 0 background, 1 ground, 2 and up the targets in file order
     cosine: NDArray[Any] | None  # (y, x), where asked for
+    pixel_solid_angle: float  # sr, at the image centre
+    nodes_hz: Array  # (node,): what was asked for
+    weights: Array | None  # (frequency, node): as they were asked for
 
 
 @dataclass(frozen=True)
@@ -192,7 +199,14 @@ class Sensor(ABC):
 
     def __init__(self, params: Any, detector: Sensor | None = None) -> None:
         self.params = params
-        self.detector = detector
+        self._detector = detector
+
+    @property
+    def detector(self) -> Sensor:
+        """The sensor that this one wraps. Raises TypeError if it wraps none."""
+        if self._detector is None:
+            raise TypeError(f"{self.name} wraps no other sensor")
+        return self._detector
 
     @abstractmethod
     def needs(self, view: View) -> Needs:

@@ -195,8 +195,13 @@ def shade(device: Device, paths: Paths, coefficients: Array, sources: Array, pre
     return Shaded(depth, contrast)
 
 
-def shade_bands(device: Device, paths: Paths, coefficients: Array, sources: Array, weights: Array, precision: str) -> Shaded:
-    """The same in bands: transmission and contrast summed with `weights` (band, frequency); no spectrum is stored."""
+def shade_bands(
+    device: Device, paths: Paths, coefficients: Array, sources: Array, weights: Array, passing: Array, precision: str
+) -> Shaded:
+    """The same in bands: contrast summed with `weights`, transmission with `passing`, both (band, frequency).
+
+    No spectrum is stored.
+    """
     program, rays = _shading(device, paths, precision, f"BANDS={len(weights)}"), len(paths.path_length)
     transmission, contrast = (device.empty((len(weights), rays), precision) for _ in range(2))
     program.run(
@@ -204,7 +209,7 @@ def shade_bands(device: Device, paths: Paths, coefficients: Array, sources: Arra
         rays // device.lanes(precision),
         *_shaded_paths(paths),
         device.put(coefficients, precision),
-        device.put(weights, precision),
+        device.put(passing, precision),
         device.put(weights[:, None, :] * sources, precision),
         np.int32(len(coefficients)),
         np.int32(len(sources)),

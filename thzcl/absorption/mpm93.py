@@ -71,6 +71,17 @@ def attenuation(model: str, frequency_ghz: Any, temperature_k: Any, pressure_hpa
     return Attenuation(scale * dry, scale * vapour)
 
 
+def line_centers_ghz() -> Array:
+    """Centre frequencies of all lines, oxygen's and water's, GHz."""
+    names = ("mpm93_oxygen_lines.csv", "mpm93_water_lines.csv")
+    return np.sort(np.concatenate([_table(name)[:, 0] for name in names]))
+
+
+def line_width_ghz(pressure_hpa: float) -> float:
+    """About the half width of a line at half maximum, GHz: by collisions some 3 MHz/hPa, by motion about 1 MHz."""
+    return 3e-3 * pressure_hpa + 1e-3
+
+
 def _oxygen(f: Array, theta: Array, p: Array, e: Array) -> Array:
     """Imaginary refractivity N'' in ppm of the oxygen lines and the non-resonant spectrum."""
     lines = np.zeros(f.shape)

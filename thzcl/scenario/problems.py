@@ -102,18 +102,19 @@ def _tables_within(model: type[BaseModel], data: Any) -> Iterator[tuple[Path, ty
 
 def _model_for(annotation: Any, data: Any) -> type[BaseModel] | None:
     """The table that an annotation such as `Table | None` means for some data: of several, that of the data's kind."""
-    models = list(_models_in(annotation))
+    models = list(models_in(annotation))
     if len(models) < 2:
         return models[0] if models else None
     kind = data.get("kind") if isinstance(data, Mapping) else None
     return next((m for m in models if kind in get_args(m.model_fields["kind"].annotation)), None)
 
 
-def _models_in(annotation: Any) -> Iterator[type[BaseModel]]:
+def models_in(annotation: Any) -> Iterator[type[BaseModel]]:
+    """The tables in an annotation such as `Table | None`."""
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
         yield annotation
     for part in get_args(annotation):
-        yield from _models_in(part)
+        yield from models_in(part)
 
 
 def _translate(error: ValidationError, model: type[BaseModel], data: Any) -> list[Trouble]:

@@ -22,6 +22,11 @@ class Table(BaseModel):
         """What is wrong with this table's values taken together; overridden where there is something to say."""
         return []
 
+    @staticmethod
+    def trouble(name: str, text: str) -> Trouble:
+        """What is wrong with one key, for troubles()."""
+        return Trouble((name,), text)
+
 
 def key(default: Any = ..., *, unit: str = "", help: str, **limits: Any) -> Any:  # noqa: A002 (what it is)
     """A key of a table: its default (none: required), unit, meaning, and pydantic's limits (gt, ge, lt, le, ...)."""

@@ -1,0 +1,152 @@
+"""The passive broadband imager: power in a band, with the noise of its detector."""
+
+from __future__ import annotations
+
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from thzcl.sensor import (
+    Image,
+    Layer,
+    Needs,
+    Optics,
+    Parameters,
+    Radiances,
+    Sensor,
+    View,
+    bands,
+    hookimpl,
+    parameter,
+    radiometry,
+)
+
+
+class PassiveBroadband(Sensor):
+    """A passive imager of one broad band, with the noise of its detector.
+
+    It records the power that reaches each pixel's detector: the radiance, weighted by the band's response, times a
+    throughput. A single-mode detector has the throughput lambda^2 and one polarisation, and sees P = k_B T dnu of a body of
+    temperature T (in the Rayleigh-Jeans limit; here Planck throughout). With `throughput = "geometric"` it is the area of the
+    aperture times the solid angle of a pixel, in both polarisations. The antenna temperature is the power over that of a body
+    of 1 K in the Rayleigh-Jeans limit.
+
+    Noise is Gaussian, of standard deviation NEP sqrt(B): B is the frame rate, as O'Brien and Tofsted have it (each pixel has
+    a detector of its own, which integrates over a frame), or with `noise_bandwidth = "scanned"` the frame rate times the number
+    of pixels (one detector scans them all).
+
+    `quadrature = "resolved"` finds frequencies adaptively until the lines within the band are resolved, for every length of
+    path in the scene; "paper" takes O'Brien and Tofsted's steps of 25 GHz: as the mean over the band's edges and the steps
+    between them ("edges"), by the trapezoid rule, or as mid-points of bins. The error of what was used is reported.
+    """
+
+    name = "passive-broadband"
+    contract = 1
+
+    class Params(Parameters):
+        """Parameters of the passive broadband imager."""
+
+        center_ghz: float | None = parameter(None, gt=0, le=1780, unit="GHz", help="middle of the band")
+        bandwidth_ghz: float | None = parameter(
+            None, gt=0, le=1780, unit="GHz", help="width of the band; of a Gaussian, at half maximum"
+        )
+        response: str = parameter(
+            "flat", help='"flat", "gaussian", or a CSV file of frequency in GHz and response, which then gives the band'
+        )
+        quadrature: Literal["resolved", "paper"] = parameter("resolved", help="how the band is summed")
+        paper_steps: Literal["edges", "trapezoid", "bins"] = parameter("edges", help="reading of the paper's steps")
+        step_ghz: float = parameter(25.0, gt=0, unit="GHz", help="the paper's steps")
+        throughput: Literal["single-mode", "geometric"] = parameter("single-mode", help="what each pixel collects")
+        aperture_m: float | None = parameter(None, gt=0, unit="m", help="diameter of the aperture")
+        noise_equivalent_power_w_rthz: float = parameter(0.0, ge=0, unit="W/sqrt(Hz)", help="detector's NEP; 0: no noise")
+        frame_rate_hz: float = parameter(1.0, gt=0, unit="Hz", help="images a second")
+        noise_bandwidth: Literal["frame-rate", "scanned"] = parameter("frame-rate", help="what the NEP is multiplied by")
+        optics: Optics | None = parameter(None, help="blur; leave the table out for none")
+
+        def troubles(self) -> list[Any]:
+            """Keys that belong together."""
+            found = []
+            if self.response in ("flat", "gaussian") and (self.center_ghz is None or self.bandwidth_ghz is None):
+                found.append(self.trouble("response", "needs center_ghz and bandwidth_ghz"))
+            elif self.response not in ("flat", "gaussian") and (self.center_ghz or self.bandwidth_ghz):
+                found.append(self.trouble("response", "gives the band; remove center_ghz and bandwidth_ghz"))
+            if self.throughput == "geometric" and self.aperture_m is None:
+                found.append(self.trouble("throughput", '"geometric" needs aperture_m'))
+            return found
+
+    def needs(self, view: View) -> Needs:
+        """The sums over the band that make up the power; the frequencies follow from the lines in it."""
+        p = self.params
+        band = self._band(view)
+        resolved = bands.resolve(band, view)
+        used = resolved if p.quadrature == "resolved" else bands.paper(band, p.step_ghz * 1e9, p.paper_steps)
+        error = resolved.error if used is resolved else bands.error(used, resolved, view)
+        return Needs(
+            frequency_hz=used.frequency_hz,
+            weights=used.weights * self._mode(used.frequency_hz),
+            optics=p.optics,
+            noise=p.noise_equivalent_power_w_rthz > 0,
+            errors={"band-quadrature": (error, "of the band's radiance")},
+        )
+
+    def _band(self, view: View) -> bands.Band:
+        p = self.params
+        if p.response in ("flat", "gaussian"):
+            return bands.named(p.response, p.center_ghz * 1e9, p.bandwidth_ghz * 1e9)
+        return bands.tabulated(view.table(p.response), p.response)
+
+    def _mode(self, frequency_hz: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Throughput at each frequency, m2 sr, for one polarisation or both."""
+        if self.params.throughput == "single-mode":
+            return np.asarray((radiometry.LIGHT_SPEED / frequency_hz) ** 2 / 2)
+        return np.ones(len(frequency_hz))
+
+    def observe(self, sight: Radiances, rng: np.random.Generator) -> Image:
+        """Antenna temperature in K, with the power in W, and the noise both carry."""
+        p = self.params
+        collected = self._collected(sight)
+        power = collected.sum() * sight.radiance[0]
+        sigma = p.noise_equivalent_power_w_rthz * np.sqrt(p.frame_rate_hz * self._shares(sight))
+        if sigma > 0:
+            power = power + sigma * rng.standard_normal(power.shape)
+        per_kelvin = (collected * 2 * radiometry.BOLTZMANN * (sight.nodes_hz / radiometry.LIGHT_SPEED) ** 2).sum()
+        antenna = power / per_kelvin
+        return Image(
+            antenna,
+            unit="K",
+            quantity="antenna temperature",
+            layers={
+                "received_power": Layer(power, "W", "received power"),
+                "antenna_temperature": Layer(antenna, "K", "antenna temperature"),
+            },
+            facts=self._facts(sight, collected, sigma),
+        )
+
+    def _collected(self, sight: Radiances) -> NDArray[np.float64]:
+        """Weights that turn radiance at each node into power, m2 sr Hz."""
+        area = 1.0
+        if self.params.throughput == "geometric":
+            area = np.pi / 4 * self.params.aperture_m**2 * sight.pixel_solid_angle
+        return np.asarray(np.asarray(sight.weights)[0] * area)
+
+    def _shares(self, sight: Radiances) -> int:
+        return sight.target.size if self.params.noise_bandwidth == "scanned" else 1
+
+    def _facts(self, sight: Radiances, collected: NDArray[np.float64], sigma: float) -> dict[str, tuple[float, str]]:
+        """Noise, and the temperature difference that equals it: at the sensor, and at the targets behind their air."""
+        if sigma == 0:
+            return {}
+        slope = (collected * radiometry.planck_slope(sight.nodes_hz, sight.air_temperature_k)).sum()
+        facts = {"noise power": (float(sigma), "W"), "NEDT at the sensor": (float(sigma / slope), "K")}
+        on_target = sight.target >= 2
+        if on_target.any():
+            passed = float(np.exp(-sight.optical_depth[0][on_target]).mean())
+            facts["NEDT at the targets"] = (float(sigma / slope / max(passed, 1e-300)), "K")
+        return facts
+
+
+@hookimpl
+def register_sensors() -> list[type[Sensor]]:
+    """The sensor of this file."""
+    return [PassiveBroadband]

@@ -1,0 +1,71 @@
+"""Scanning: any other sensor whose pixels are taken one after the other, while the wind moves the air."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any, Literal
+
+import numpy as np
+
+from thzcl.sensor import Image, Needs, Parameters, Sensor, View, hookimpl, parameter
+
+
+class RasterScan(Sensor):
+    """Another sensor, described in [sensor.detector], whose pixels are taken at times of their own.
+
+    Frozen air moves with the wind ([atmosphere.fluctuations] wind_m_s): at time t a ray starts from -U t in the cube, exactly.
+    With `timing = "raster"` the n-th pixel is taken at n dwell times, row by row from the top left, or column by column,
+    back and forth or always in one direction. With "focal-plane" all are taken together, and the mean of `samples` instants
+    spread over the integration time is what is recorded.
+    """
+
+    name = "raster-scan"
+    contract = 1
+    wraps = True
+
+    class Params(Parameters):
+        """Parameters of the scan."""
+
+        timing: Literal["raster", "focal-plane"] = parameter("raster", help="one pixel after the other, or all together")
+        dwell_s: float | None = parameter(None, gt=0, unit="s", help="time from one pixel to the next")
+        order: Literal["rows", "columns"] = parameter("rows", help="along rows, or along columns")
+        back_and_forth: bool = parameter(False, help="every other row (or column) in the opposite direction")
+        reverse: bool = parameter(False, help="the last pixel first")
+        integration_time_s: float | None = parameter(None, gt=0, unit="s", help="time over which a focal plane integrates")
+        samples: int = parameter(8, ge=1, le=1000, help="instants averaged over the integration time")
+
+        def troubles(self) -> list[Any]:
+            """Keys that belong together."""
+            if self.timing == "raster" and self.dwell_s is None:
+                return [self.trouble("timing", '"raster" needs dwell_s')]
+            if self.timing == "focal-plane" and self.integration_time_s is None:
+                return [self.trouble("timing", '"focal-plane" needs integration_time_s')]
+            return []
+
+    def needs(self, view: View) -> Needs:
+        """What the detector needs, at the times of the scan."""
+        return replace(self.detector.needs(view), times_s=self._times(*view.pixels))
+
+    def _times(self, width: int, height: int) -> Any:
+        """When each pixel is taken, s, (sample, y, x)."""
+        p = self.params
+        if p.timing == "focal-plane":
+            instants = (np.arange(p.samples) + 0.5) / p.samples * p.integration_time_s
+            return instants[:, None, None]
+        lines, along = (height, width) if p.order == "rows" else (width, height)
+        number = np.arange(lines * along).reshape(lines, along)
+        if p.back_and_forth:
+            number[1::2] = number[1::2, ::-1]
+        if p.reverse:
+            number = lines * along - 1 - number
+        return (number if p.order == "rows" else number.T)[None] * p.dwell_s
+
+    def observe(self, sight: Any, rng: np.random.Generator) -> Image:
+        """What the detector records."""
+        return self.detector.observe(sight, rng)
+
+
+@hookimpl
+def register_sensors() -> list[type[Sensor]]:
+    """The sensor of this file."""
+    return [RasterScan]
