@@ -13,7 +13,7 @@ from conftest import ROOT
 FLOW = [
     "thzcl", "files", "linker", "clock", "absorption", "scenario", "radiometry", "bands", "sensor", "hookspecs", "plugins",
     "turbulence", "field_file", "texture", "geometry", "optics", "plan", "overview", "device", "field", "trace", "compute",
-    "develop", "figure", "result", "pipeline", "printing", "doctor", "cli", "__main__",
+    "develop", "figure", "result", "pipeline", "newsensor", "printing", "doctor", "cli", "__main__",
 ]  # fmt: skip
 STRANGERS = [
     ("field", "trace"),

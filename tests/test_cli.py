@@ -206,7 +206,7 @@ def test_listings(thzcl_command, thzcl_json):
     assert "figure6" in thzcl_command("scenarios").stdout
     assert "passive-spectral" in thzcl_command("sensors").stdout
     manual = thzcl_command("sensors", "passive-spectral").stdout
-    assert "frequency_ghz [GHz]" in manual
+    assert "frequency_ghz" in manual and "GHz" in manual
     assert "O'Brien" in manual
     assert json.loads(thzcl_command("schema").stdout)["title"] == "thzcl scenario"
     assert thzcl_json("devices")["devices"][0]["name"]

@@ -80,15 +80,20 @@ def _picture(path: Path) -> Array:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", Image.DecompressionBombWarning)  # the limit below is stricter
-            image = Image.open(path, formats=FORMATS)
-            if image.width * image.height > MOST_PIXELS:
-                many = f"{image.width} x {image.height} pixels"
-                raise TextureError(f"{path}: {many}; textures may have {MOST_PIXELS / 1e6:.0f} million")
-            if getattr(image, "n_frames", 1) != 1:
-                raise TextureError(f"{path}: holds {image.n_frames} pictures; give a file with one")  # type: ignore[attr-defined]
-            image.load()
+            with Image.open(path, formats=FORMATS) as image:
+                if image.width * image.height > MOST_PIXELS:
+                    many = f"{image.width} x {image.height} pixels"
+                    raise TextureError(f"{path}: {many}; textures may have {MOST_PIXELS / 1e6:.0f} million")
+                pictures = getattr(image, "n_frames", 1)
+                if pictures != 1:
+                    raise TextureError(f"{path}: holds {pictures} pictures; give a file with one")
+                image.load()
+                return _grey(path, image)
     except (UnidentifiedImageError, OSError, SyntaxError, Image.DecompressionBombError) as error:
         raise TextureError(f"{path}: not a sound PNG or TIFF ({error}); save it again") from None
+
+
+def _grey(path: Path, image: Any) -> Array:
     if image.mode in ("1", "L", "LA", "P", "RGB", "RGBA"):
         return np.asarray(image.convert("L"), dtype=np.float64) / 255
     if image.mode in ("I", "I;16", "I;16B"):
