@@ -1,7 +1,13 @@
 // The pinhole camera, and where rays start. Row 0 is the top of the image, column 0 its left as the camera sees it.
 //
 // Options: MOTION where pixels are taken at times of their own in moving air; OUTGOING for the way from a transmitter to
-// what the camera's rays met.
+// what the camera's rays met; PICKED where only some rays of the raster are followed, whose numbers `picked` lists.
+
+#ifdef PICKED
+#define RAY(slot) picked[slot]
+#else
+#define RAY(slot) (slot)
+#endif
 
 typedef struct {
     wide x, y, z;

@@ -32,14 +32,14 @@ static inline reals polynomial(__constant const real *c, int count, reals x)
 // and radiance above the mean air's, both (FREQUENCIES, ray).
 __kernel void emission(__global const real *restrict delta, __global const real *restrict offset, __constant frame *cube,
                        int width, int height, int log2n, __global const wide *reach, __global const wide *end,
-                       __global const wide *restrict time, __global const real *restrict stretch, __global real *restrict path_length,
+                       __global const wide *restrict time, __global const real *restrict stretch,
+                       __global const int *restrict picked, int count, __global real *restrict path_length,
                        __global int *restrict surface, __constant real *coefficients, __constant real *planck,
                        __global const real *restrict emitted, __global const real *restrict blend, real cutoff, __global int *restrict segments,
                        __global real *restrict depth_out, __global real *restrict contrast_out)
 {
     const int packet = get_global_id(0), first_ray = packet * LANES, padded = get_global_size(0) * LANES;
-    march ray = march_start(cube, width, height, log2n, reach, end, time, first_ray);
-    const reals metres = LOAD(stretch + first_ray);
+    march ray = march_start(cube, width, height, log2n, reach, end, time, stretch, picked, count, first_ray);
     reals depth[FREQUENCIES], contrast[FREQUENCIES], transmission[FREQUENCIES];
     for (int f = 0; f < FREQUENCIES; ++f) {
         depth[f] = contrast[f] = 0;
@@ -51,7 +51,7 @@ __kernel void emission(__global const real *restrict delta, __global const real 
     int steps = 0;
 #endif
     while (ANY(ray.here < ray.end)) {
-        const reals there = march_exit(&ray), length = (there - ray.here) * metres;
+        const reals there = march_exit(&ray), length = (there - ray.here) * ray.metres;
         const wholes voxel = march_voxel(&ray);
         const reals d = GATHER(delta, voxel), t = GATHER(offset, voxel);
         for (int f = 0; f < FREQUENCIES; ++f) {
@@ -77,12 +77,12 @@ __kernel void emission(__global const real *restrict delta, __global const real 
 #endif
     }
 #ifdef CUTOFF
-    march_record_ends(&ray, ended, first_ray, stretch, path_length, surface);
+    march_record_ends(&ray, ended, picked, count, first_ray, path_length, surface);
 #endif
     for (int f = 0; f < FREQUENCIES; ++f) {
         const reals source = surface_value(emitted, surface, blend, first_ray, FREQUENCIES, f);
         STORE(depth[f], depth_out + f * padded + first_ray);
         STORE(contrast[f] + transmission[f] * source, contrast_out + f * padded + first_ray);
     }
-    segments[packet] = march_count(crossed, first_ray, width * height);
+    segments[packet] = march_count(crossed, first_ray, count);
 }

@@ -50,17 +50,19 @@ static inline void axis_cross(axis *a, reals there)
 typedef struct {
     axis x, y, z;
     reals here, end;   // ray parameter of the last crossing, and where the ray stops
+    reals metres;      // to a unit of the ray's parameter
 } march;
 
-// The rays of a packet at their start. `reach` is how far the camera's ray goes, `end` how far the ray that is followed;
+// The rays of a packet at their start, those from number `first` of the `count` that are followed. `reach` is how far the camera's ray goes, `end` how far the ray that is followed;
 // they are the same but for the outgoing way. `time` is when each ray is taken, in seconds.
 static march march_start(__constant frame *cube, int width, int height, int log2n, __global const wide *reach,
-                         __global const wide *end, __global const wide *time, int first_ray)
+                         __global const wide *end, __global const wide *time, __global const real *stretch,
+                         __global const int *picked, int count, int first)
 {
     wide ox[LANES], oy[LANES], oz[LANES], dx[LANES], dy[LANES], dz[LANES];
-    real stop[LANES];
+    real stop[LANES], metres[LANES];
     for (int lane = 0; lane < LANES; ++lane) {
-        const int ray = min(first_ray + lane, width * height - 1);
+        const int ray = RAY(min(first + lane, count - 1));
         const point d = follow_direction(cube, width, height, ray, reach[ray]);
         point o = cube->origin;
 #ifdef MOTION
@@ -77,6 +79,7 @@ static march march_start(__constant frame *cube, int width, int height, int log2
         dy[lane] = d.y;
         dz[lane] = d.z;
         stop[lane] = (real)end[ray];
+        metres[lane] = stretch[ray];
     }
     march m;
     m.x = axis_start(ox, dx, 0, log2n);
@@ -84,6 +87,7 @@ static march march_start(__constant frame *cube, int width, int height, int log2
     m.z = axis_start(oz, dz, 2 * log2n, log2n);
     m.here = 0;
     m.end = LOAD(stop);
+    m.metres = LOAD(metres);
     return m;
 }
 
@@ -108,27 +112,27 @@ static inline void march_cross(march *m, reals there)
 }
 
 // Voxels crossed over positive length by the packet's rays; the last packet's idle lanes do not count.
-static int march_count(wholes crossed, int first_ray, int rays)
+static int march_count(wholes crossed, int first, int count)
 {
     whole counts[LANES];
     STORE(crossed, counts);
     int sum = 0;
-    for (int lane = 0; lane < LANES; ++lane) sum += first_ray + lane < rays ? (int)counts[lane] : 0;
+    for (int lane = 0; lane < LANES; ++lane) sum += first + lane < count ? (int)counts[lane] : 0;
     return sum;
 }
 
 // A ray past the cut-off depth ends where it is: it keeps its path so far, and meets nothing.
-static void march_record_ends(const march *m, wholes ended, int first_ray, __global const real *stretch,
+static void march_record_ends(const march *m, wholes ended, __global const int *picked, int count, int first,
                               __global real *path_length, __global int *surface)
 {
-    real end[LANES];
+    real length[LANES];
     whole over[LANES];
-    STORE(m->end, end);
+    STORE(m->end * m->metres, length);
     STORE(ended, over);
     for (int lane = 0; lane < LANES; ++lane) {
-        const int ray = first_ray + lane;
+        const int ray = RAY(min(first + lane, count - 1));
         if (over[lane]) {
-            path_length[ray] = end[lane] * stretch[ray];
+            path_length[ray] = length[lane];
             surface[ray] = 0;
         }
     }

@@ -1,7 +1,7 @@
 // Where each ray ends: ground, boxes, billboards, or the longest range. In float64 where the device has it, a work-item a ray.
 //
 // Options: GROUND, BOXES and BILLBOARDS where the scene has them; COSINE where the slant of the surface is wanted;
-// OUTGOING as in camera.cl.
+// OUTGOING and PICKED as in camera.cl.
 
 #define BACKGROUND 0
 #define GROUND_PLANE 1
@@ -141,29 +141,30 @@ static void meet_all(const things *all, point origin, point direction, wide norm
 #endif
 }
 
-// `reach` in the ray's parameter; `path_length` in metres, and `stretch`, metres per unit of the parameter; `surface` and
+// For each of the `count` rays that are followed, in their order: `reach` in the ray's parameter; `path_length` in metres, and `stretch`, metres per unit of the parameter; `surface` and
 // `blend` as in source.cl; `cosine` of the angle between ray and normal.
 __kernel void surfaces(__constant frame *camera, int width, int height, wide max_range, __constant box *boxes,
                        __constant int2 *stripes, int box_count, __constant billboard *billboards,
                        __constant texture *textures, __global const float *texels, int billboard_count,
-                       __global wide *restrict reach, __global real *restrict stretch, __global real *restrict path_length,
-                       __global int *restrict surface, __global real *restrict blend, __global real *restrict cosine)
+                       __global const int *restrict picked, int count, __global wide *restrict reach,
+                       __global real *restrict stretch, __global real *restrict path_length, __global int *restrict surface,
+                       __global real *restrict blend, __global real *restrict cosine)
 {
-    const int ray = get_global_id(0);
+    const int slot = get_global_id(0), ray = RAY(min(slot, count - 1));
     const things all = {boxes, stripes, box_count, billboards, textures, texels, billboard_count};
-    const point d = ray_direction(camera, width, height, min(ray, width * height - 1));
+    const point d = ray_direction(camera, width, height, ray);
     const wide norm = sqrt(d.x * d.x + d.y * d.y + d.z * d.z);
     hit nearest = {max_range / norm, BACKGROUND, 0, 0};
     meet_all(&all, camera->origin, d, norm, &nearest);
-    reach[ray] = nearest.reach;
-    stretch[ray] = (real)norm;
-    path_length[ray] = (real)(nearest.reach * norm);
-    surface[ray] = nearest.surface;
+    reach[slot] = nearest.reach;
+    stretch[slot] = (real)norm;
+    path_length[slot] = (real)(nearest.reach * norm);
+    surface[slot] = nearest.surface;
 #ifdef BILLBOARDS
-    blend[ray] = (real)nearest.blend;
+    blend[slot] = (real)nearest.blend;
 #endif
 #ifdef COSINE
-    cosine[ray] = (real)nearest.cosine;
+    cosine[slot] = (real)nearest.cosine;
 #endif
 }
 
@@ -172,29 +173,30 @@ __kernel void surfaces(__constant frame *camera, int width, int height, wide max
 // something stands between), and its length in metres, which is also the stretch of its parameter.
 __kernel void outgoing(__constant frame *transmitter, int width, int height, __constant box *boxes, __constant int2 *stripes,
                        int box_count, __constant billboard *billboards, __constant texture *textures,
-                       __global const float *texels, int billboard_count, __global const wide *restrict reach,
+                       __global const float *texels, int billboard_count,
+                       __global const int *restrict picked, int count, __global const wide *restrict reach,
                        __global int *restrict surface, __global wide *restrict end, __global real *restrict length)
 {
-    const int ray = get_global_id(0);
+    const int slot = get_global_id(0), ray = RAY(min(slot, count - 1));
     const things all = {boxes, stripes, box_count, billboards, textures, texels, billboard_count};
-    const point d = follow_direction(transmitter, width, height, min(ray, width * height - 1), reach[ray]);
+    const point d = follow_direction(transmitter, width, height, ray, reach[slot]);
     const wide norm = sqrt(d.x * d.x + d.y * d.y + d.z * d.z);
     // The point itself lies at 1: what is met just before it is the surface that it lies on.
     hit nearest = {1 - (wide)1e-9, BACKGROUND, 0, 0};
     meet_all(&all, transmitter->origin, d, norm, &nearest);
-    int lit = surface[ray] != BACKGROUND && nearest.surface == BACKGROUND;
+    int lit = surface[slot] != BACKGROUND && nearest.surface == BACKGROUND;
 #ifdef BILLBOARDS
     // A billboard is lit on the side that the camera sees, or not at all.
-    const point seen = ray_direction(transmitter, width, height, min(ray, width * height - 1));
+    const point seen = ray_direction(transmitter, width, height, ray);
     for (int b = 0; b < billboard_count; ++b) {
         __constant billboard *board = billboards + b;
         const wide lighting = d.x * board->cosine + d.y * board->sine, viewing = seen.x * board->cosine + seen.y * board->sine;
-        const int row = surface[ray] - textures[b].surface;
+        const int row = surface[slot] - textures[b].surface;
         if (row >= 0 && row < textures[b].levels && (lighting > 0) != (viewing > 0)) lit = 0;
     }
 #endif
-    if (!lit) surface[ray] = BACKGROUND;
-    end[ray] = lit;
-    length[ray] = (real)(lit * norm);
+    if (!lit) surface[slot] = BACKGROUND;
+    end[slot] = lit;
+    length[slot] = (real)(lit * norm);
 }
 #endif

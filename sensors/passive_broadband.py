@@ -79,7 +79,7 @@ class PassiveBroadband(Sensor):
         """The sums over the band that make up the power; the frequencies follow from the lines in it."""
         p = self.params
         band = self._band(view)
-        resolved = bands.resolve(band, view)
+        resolved, finer = (bands.resolve(band, view, view.tolerance * part) for part in (1, 1e-2))
         used = resolved if p.quadrature == "resolved" else bands.paper(band, p.step_ghz * 1e9, p.paper_steps)
         error = resolved.error if used is resolved else bands.error(used, resolved, view)
         return Needs(
@@ -87,7 +87,8 @@ class PassiveBroadband(Sensor):
             weights=used.weights * self._mode(used.frequency_hz),
             optics=p.optics,
             noise=p.noise_equivalent_power_w_rthz > 0,
-            errors={"band-quadrature": (error, "of the band's radiance")},
+            finer=(finer.frequency_hz, finer.weights * self._mode(finer.frequency_hz)),
+            errors={"band-quadrature": (error, "of what the shortest path lets through")},
         )
 
     def _band(self, view: View) -> bands.Band:

@@ -12,8 +12,9 @@ from conftest import ROOT
 # A module may import those that stand before it, in the flow's order, and none of those after.
 FLOW = [
     "thzcl", "files", "linker", "clock", "absorption", "scenario", "radiometry", "bands", "sensor", "hookspecs", "plugins",
-    "turbulence", "field_file", "texture", "geometry", "optics", "plan", "overview", "device", "field", "trace", "compute",
-    "develop", "figure", "result", "pipeline", "newsensor", "printing", "doctor", "cli", "__main__",
+    "turbulence", "field_file", "texture", "geometry", "optics", "accuracy", "plan", "overview", "device", "field", "trace",
+    "thinning", "compute", "develop", "reference", "budget", "figure", "result", "pipeline", "newsensor", "printing",
+    "doctor", "cli", "__main__",
 ]  # fmt: skip
 STRANGERS = [
     ("field", "trace"),

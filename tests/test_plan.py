@@ -87,7 +87,7 @@ def test_the_bound_of_the_plan_holds_in_the_run(tmp_path):
     for sigma in (20.0, 60.0):
         data = scene(atmosphere__fluctuations__sigma_percent=sigma)
         bound = plan(tmp_path, data).surrogate_error
-        assert 0 < run(tmp_path, data).error_budget["surrogate"]["max"] <= bound <= 1e-7
+        assert 0 < run(tmp_path, data).error_budget["absorption-fit"]["max"] <= bound <= 1e-7
 
 
 def test_warnings_where_a_user_should_think_twice(tmp_path):

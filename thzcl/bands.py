@@ -17,7 +17,7 @@ from thzcl import radiometry
 
 Array = NDArray[np.float64]
 
-TOLERANCE = 1e-5  # of the band's radiance
+TOLERANCE = 1e-5  # of the radiance that the shortest path lets through
 _POINTS = 7  # of the rule on each part of the band
 _DEEPEST = 24  # halvings: a hundredth of a kHz in 100 GHz
 _GAUSSIAN_WIDTHS = 1.5  # half width of what counts of a Gaussian, in full widths at half maximum: all but 4e-4 of it
@@ -49,7 +49,10 @@ class Band:
 
 @dataclass(frozen=True)
 class Quadrature:
-    """Frequencies in Hz, ascending, and weights in Hz, the response included; `error` is relative to the band's radiance."""
+    """Frequencies in Hz, ascending, and weights in Hz, the response included.
+
+    `error` is relative to the radiance that the shortest path lets through.
+    """
 
     frequency_hz: Array
     weights: Array
@@ -90,7 +93,7 @@ def resolve(band: Band, sight: Sight, tolerance: float = TOLERANCE) -> Quadratur
     edges = _first_edges(band, sight)
     low, high = edges[:-1], edges[1:]
     whole = _parts(band, sight, low, high)
-    scale = float(whole[:, 0].sum())  # without any air
+    scale = _reference(whole.sum(axis=0))
     accepted: list[tuple[Array, Array]] = []
     error = 0.0
     for depth in range(_DEEPEST + 1):
@@ -110,6 +113,11 @@ def resolve(band: Band, sight: Sight, tolerance: float = TOLERANCE) -> Quadratur
     order = np.argsort(frequency_hz.ravel())
     flat = frequency_hz.ravel()[order]
     return Quadrature(flat, weights.ravel()[order] * band.response(flat), error / scale)
+
+
+def _reference(radiance: Array) -> float:
+    """What errors are relative to, of radiances by length of path: the shortest, or a trillionth where nothing passes it."""
+    return float(max(radiance[1], 1e-12 * radiance[0]))
 
 
 def _first_edges(band: Band, sight: Sight) -> Array:
@@ -141,7 +149,7 @@ def paper(band: Band, step_hz: float, reading: str) -> Quadrature:
 
 
 def error(used: Quadrature, resolved: Quadrature, sight: Sight) -> float:
-    """The largest error over the lengths of path, relative to the band's radiance."""
+    """The largest error over the lengths of path, relative to the radiance that the shortest lets through."""
 
     def radiance(quadrature: Quadrature) -> Array:
         return quadrature.weights @ _integrand(sight, quadrature.frequency_hz)
@@ -149,7 +157,7 @@ def error(used: Quadrature, resolved: Quadrature, sight: Sight) -> float:
     exact = radiance(resolved)
     # Each rule is held to the mean radiance that its own weights make.
     found = radiance(used) * resolved.weights.sum() / used.weights.sum()
-    return float(np.max(np.abs(found - exact)) / exact[0])
+    return float(np.max(np.abs(found - exact)) / _reference(exact))
 
 
 def _parts(band: Band, sight: Sight, low: Array, high: Array) -> Array:
@@ -167,7 +175,7 @@ def _rule(low: Array, high: Array) -> tuple[Array, Array]:
 
 
 def _integrand(sight: Sight, frequency_hz: Array) -> Array:
-    """Radiance behind paths of none, of half the shortest to twice the longest length, (frequency, length)."""
-    lengths = np.array([0.0, *np.geomspace(sight.path_m[0] / 2, sight.path_m[1] * 2, 6)])
+    """Radiance behind paths of none, and of the shortest to twice the longest length, (frequency, length)."""
+    lengths = np.array([0.0, *np.geomspace(sight.path_m[0], sight.path_m[1] * 2, 6)])
     radiance = radiometry.planck(frequency_hz, sight.air_temperature_k)
     return np.asarray(radiance[:, None] * np.exp(-np.outer(sight.absorption(frequency_hz), lengths)))

@@ -10,14 +10,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from thzcl import field as fields
-from thzcl import trace
+from thzcl import thinning, trace
 from thzcl.absorption import Surrogate, fit
 from thzcl.absorption.surrogate import HIGHEST_DEGREE
+from thzcl.accuracy import sources
 from thzcl.clock import Clock
 from thzcl.device import Buffer, Device
 from thzcl.field import Field
 from thzcl.geometry import Raster, cube_frame, world_frame
-from thzcl.plan import SURROGATE_TOLERANCE, Group, VariantPlan, sources
+from thzcl.plan import Group, VariantPlan
 from thzcl.trace import Ends, Guard, Medium, Paths, Shaded
 from thzcl.turbulence import Turbulence
 
@@ -45,6 +46,7 @@ class Capture:
     outgoing_length: NDArray[Any]
     cosine: NDArray[Any] | None
     surface: NDArray[Any]
+    between: NDArray[np.bool_] | None  # the rays that were interpolated, if any
     segments: int
 
 
@@ -107,7 +109,7 @@ def _isothermal(
             ways.append(trace.straight(ends))
             continue
         with clock.stage(stage):
-            ways.append(trace.trace(device, ends, medium, moments, guard, group.first.precision))
+            ways.append(_trace(device, group, ends, medium, moments, guard))
     paths = ways[0] if len(ways) == 1 else trace.there_and_back(device, *ways)
     for number, (variant, surrogate) in enumerate(zip(group.variants, surrogates, strict=True)):
         with clock.stage("shading"):
@@ -115,6 +117,13 @@ def _isothermal(
             shaded = _shade(device, variant, paths, surrogate.coefficients[:, :, 0] * trips)
             capture = _capture(variant, surrogate, shaded, ways, paths.surface, 0 if number else paths.segments, lines)
         yield capture
+
+
+def _trace(device: Device, group: Group, ends: Ends, medium: Medium, moments: int, guard: Guard | None) -> Paths:
+    if group.stride == 1:
+        return trace.trace(device, ends, medium, moments, guard, group.first.precision)
+    things = np.array([surface.target for surface in group.first.surfaces])
+    return thinning.trace_thinned(device, ends, medium, moments, guard, group.stride, things)
 
 
 def _shade(device: Device, variant: VariantPlan, paths: Paths, coefficients: Array) -> tuple[Array, Array]:
@@ -138,7 +147,7 @@ def _emission(device: Device, group: Group, surrogate: Surrogate, media: list[Me
     variant = group.first
     table = sources(variant.scene, variant.needs, variant.surfaces, variant.frequency_hz)
     path = not variant.needs.reflection
-    cutoff = variant.cutoff if group.cut else None
+    cutoff = variant.accuracy.cutoff if group.cut else None
     found: list[tuple[Paths, Shaded]] = []
     for stage, ends, medium in zip(("path-emission", "outgoing-path"), _ways(lines), media, strict=False):
         with clock.stage(stage):
@@ -173,7 +182,8 @@ def _capture(
     depth, contrast = (_raster(raster, values) for values in shaded)
     back, out = (_raster(raster, paths.path_length.host()) for paths in (ways[0], ways[-1]))
     cosine = _raster(raster, lines.camera.cosine.host()) if variant.needs.slant else None
-    return Capture(variant, surrogate, depth, contrast, back, out, cosine, _raster(raster, surface.host()), segments)
+    between = None if ways[0].between is None else _raster(raster, ways[0].between)
+    return Capture(variant, surrogate, depth, contrast, back, out, cosine, _raster(raster, surface.host()), between, segments)
 
 
 def _raster(raster: Raster, values: NDArray[Any]) -> NDArray[Any]:
@@ -194,7 +204,7 @@ def _surrogates(group: Group, cube: Field | None) -> list[Surrogate]:
         poor = [
             variant
             for variant, fitted in zip(group.variants, fits, strict=True)
-            if fitted.error > max(SURROGATE_TOLERANCE[variant.precision], variant.surrogate.error)
+            if fitted.error > max(variant.accuracy.surrogate, variant.surrogate.error)
             and variant.scene.numerics.moments is None
         ]
         if not poor or moments >= HIGHEST_DEGREE:
@@ -208,7 +218,7 @@ def _fit(variant: VariantPlan, cube: Field, moments: int) -> Surrogate:
         variant.frequency_hz,
         cube.humidity_span,
         cube.temperature_span,
-        tolerance=SURROGATE_TOLERANCE[variant.precision],
+        tolerance=variant.accuracy.surrogate,
         moments=moments,
     )
 

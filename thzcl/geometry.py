@@ -184,32 +184,44 @@ def directions(shape: Geometry, rows: NDArray[np.int64], columns: NDArray[np.int
     return np.asarray(forward + u[:, None] * right + v[:, None] * up)
 
 
-def reach(shape: Geometry, direction: Array) -> Array:
-    """Ray parameter at the nearest surface, or at max_range_m, of rays with the given directions, (n,).
+def first_met(shape: Geometry, direction: Array) -> tuple[Array, Integers]:
+    """Ray parameter at the nearest surface, or at max_range_m, and that surface's number; rays with the given directions, (n,).
 
-    For estimates: billboards count as whole rectangles.
+    For estimates: billboards count as whole rectangles of one shade, boxes have no stripes.
     """
     origin = shape.frame[0]
     nearest = shape.max_range_m / np.linalg.norm(direction, axis=1)
+    surface = np.full(len(direction), BACKGROUND, dtype=np.int32)
+    hits: list[tuple[int, Array]] = []
     with np.errstate(divide="ignore", invalid="ignore"):
         if shape.ground:
-            to_ground = -origin[2] / direction[:, 2]
-            nearest = np.where((to_ground > 0) & (to_ground < nearest), to_ground, nearest)
-        for box in shape.boxes:
-            center, half, (cosine, sine) = box[:3], box[3:6], box[6:]
-            turn = np.array([[cosine, sine, 0], [-sine, cosine, 0], [0, 0, 1]])
-            o, d = turn @ (origin - center), direction @ turn.T
-            one, other = (-half - o) / d, (half - o) / d
-            enter, leave = np.nanmax(np.minimum(one, other), axis=1), np.nanmin(np.maximum(one, other), axis=1)
-            hit = np.where(enter > 0, enter, leave)
-            nearest = np.where((enter < leave) & (hit > 0) & (hit < nearest), hit, nearest)
-        for x, y, z, half_width, half_height, cosine, sine in shape.billboards:
-            normal, across = np.array([cosine, sine, 0.0]), np.array([-sine, cosine, 0.0])
-            hit = normal @ ((x, y, z) - origin) / (direction @ normal)
-            offset = origin + hit[:, None] * direction - (x, y, z)
-            inside = (np.abs(offset @ across) < half_width) & (np.abs(offset[:, 2]) < half_height)
-            nearest = np.where(inside & (hit > 0) & (hit < nearest), hit, nearest)
-    return np.asarray(nearest)
+            hits.append((GROUND, np.where(direction[:, 2] < 0, -origin[2] / direction[:, 2], np.inf)))
+        hits += [(FIRST_TARGET + number, _to_box(origin, direction, box)) for number, box in enumerate(shape.boxes)]
+        for board, texture_row in zip(shape.billboards, shape.textures, strict=True):
+            middle = texture_row[4] + texture_row[5] // 2
+            hits.append((int(middle), _to_billboard(origin, direction, board)))
+    for number, hit in hits:
+        met = (hit > 0) & (hit < nearest)
+        nearest, surface = np.where(met, hit, nearest), np.where(met, np.int32(number), surface)
+    return nearest, surface
+
+
+def _to_box(origin: Array, direction: Array, box: Array) -> Array:
+    center, half, (cosine, sine) = box[:3], box[3:6], box[6:]
+    turn = np.array([[cosine, sine, 0], [-sine, cosine, 0], [0, 0, 1]])
+    o, d = turn @ (origin - center), direction @ turn.T
+    one, other = (-half - o) / d, (half - o) / d
+    enter, leave = np.nanmax(np.minimum(one, other), axis=1), np.nanmin(np.maximum(one, other), axis=1)
+    return np.where(enter < leave, np.where(enter > 0, enter, leave), np.inf)
+
+
+def _to_billboard(origin: Array, direction: Array, board: Array) -> Array:
+    place, (half_width, half_height, cosine, sine) = board[:3], board[3:]
+    normal, across = np.array([cosine, sine, 0.0]), np.array([-sine, cosine, 0.0])
+    hit = normal @ (place - origin) / (direction @ normal)
+    offset = origin + hit[:, None] * direction - place
+    inside = (np.abs(offset @ across) < half_width) & (np.abs(offset[:, 2]) < half_height)
+    return np.where(inside, hit, np.inf)
 
 
 def _rotation(w: float, x: float, y: float, z: float) -> Array:

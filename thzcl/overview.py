@@ -37,7 +37,7 @@ def stages(plan: Plan, figure: bool = True) -> list[Stage]:
         _stage(
             "trace",
             traced,
-            f"{_count(len(traced), 'trace')} of {_count(plan.moments, 'path moment')} for {_images(variants)}",
+            f"{_count(len(traced), 'trace')} of {_count(plan.moments, 'moment')} for {_images(variants)}{_thinned(traced)}",
             "path emission carries the depth along" if warm else "uniform air: the path's length is all that counts",
         ),
         _stage("path-emission", warm, "temperature fluctuates", "isothermal air: emission follows from optical depth"),
@@ -79,6 +79,11 @@ def _surrogate(plan: Plan) -> str:
     return f"{fitted}, error at most {plan.surrogate_error:.1e} of the mean absorption"
 
 
+def _thinned(groups: list[Group]) -> str:
+    stride = max((group.stride for group in groups), default=1)
+    return f"; every {stride}th ray both ways and the edges, the rest interpolated" if stride > 1 else ""
+
+
 def _no_field(variant: VariantPlan) -> str:
     atmosphere = variant.scene.atmosphere
     if atmosphere.model == "none":
@@ -103,13 +108,25 @@ def voxel_segments(plan: Plan) -> int:
         field = group.first.field
         if field is None:
             continue
-        direction, lengths = group.sample
-        per_metre = np.abs(direction @ ROTATIONS[group.first.orientation].T).sum(axis=1) / field.source.voxel_m
-        voxels = lengths * per_metre + 1
+        rays = group.sample
+        per_metre = np.abs(rays.direction @ ROTATIONS[group.first.orientation].T).sum(axis=1) / field.source.voxel_m
+        voxels = rays.length * per_metre + 1
         checks = np.ceil((group.visible_m * per_metre + 1) / DEPTH_CHECKED_EVERY)
         voxels = np.minimum(voxels, checks * DEPTH_CHECKED_EVERY)
-        total += float(np.mean(voxels)) * group.first.geometry.raster.rays * group.passes
+        total += float(np.mean(voxels)) * group.first.geometry.raster.rays * group.passes * _share_traced(group)
     return round(total)
+
+
+def _share_traced(group: Group) -> float:
+    """The part of the rays that is traced: a lattice, and all in the cells that edges cross."""
+    raster, stride = group.first.geometry.raster, group.stride
+    if stride == 1:
+        return 1.0
+    lattice = math.prod((n - 1) // stride + 2 for n in (raster.rows, raster.columns)) / raster.rays
+    things = np.array([s.target for s in group.first.surfaces])[group.sample.surface].reshape(min(64, raster.rows), -1)
+    cells = [max(n / sampled, 1) for n, sampled in zip((raster.rows, raster.columns), things.shape, strict=True)]
+    edges = sum(np.mean(np.diff(things, axis=axis) != 0) / cells[axis] for axis in (0, 1) if things.shape[axis] > 1)
+    return float(min(1.0, lattice + edges * 2 * stride))
 
 
 def memory(plan: Plan) -> tuple[int, int]:
@@ -148,7 +165,7 @@ def warnings(plan: Plan) -> list[str]:
         if field is None:
             continue
         period = field.source.grid * field.source.voxel_m
-        periods = min(float(group.sample[1].max()), group.visible_m) / period
+        periods = min(float(group.sample.length.max()), group.visible_m) / period
         if periods > 1:
             found.append(
                 f"the longest path is {periods:.2f} periods of the {period:g} m cube: averages along it vary less from "
@@ -165,6 +182,19 @@ def warnings(plan: Plan) -> list[str]:
     return list(dict.fromkeys(found))
 
 
+def numerics(variant: VariantPlan) -> dict[str, object]:
+    """The numerical settings of a variant, given or chosen."""
+    return {
+        "variant": variant.name,
+        "tolerance": variant.scene.numerics.tolerance,
+        "precision": variant.precision,
+        "moments": variant.surrogate.moments,
+        "cutoff_depth": round(variant.accuracy.cutoff, 3),
+        "ray_stride": variant.stride,
+        "frequencies": len(variant.frequency_hz),
+    }
+
+
 def as_json(plan: Plan, figure: bool = True) -> dict[str, object]:
     """The plan as `thzcl plan --format json` prints it."""
     return {
@@ -175,5 +205,6 @@ def as_json(plan: Plan, figure: bool = True) -> dict[str, object]:
         "frequencies_ghz": [round(float(f) / 1e9, 9) for f in plan.frequency_hz],
         "moments": plan.moments,
         "surrogate_error": plan.surrogate_error,
+        "numerics": [numerics(variant) for variant in plan.variants],
         "warnings": warnings(plan),
     }

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 import thzcl
 from thzcl import overview, plugins, scenario
 from thzcl.clock import Clock, Progress
-from thzcl.geometry import FIRST_TARGET, ROTATIONS
+from thzcl.geometry import FIRST_TARGET, ROTATIONS, camera_frame, directions
 from thzcl.plan import Plan, PlanError, VariantPlan, by_key, make_plan
 from thzcl.result import Cube, Result, VariantResult
 from thzcl.scenario import Document, ScenarioError, Trouble
@@ -23,6 +23,8 @@ from thzcl.sensor import Echoes, Image, Layer, Radiances
 
 if TYPE_CHECKING:
     from thzcl.absorption import Surrogate
+    from thzcl.budget import Part
+    from thzcl.compute import Capture, Lines
     from thzcl.device import Device
     from thzcl.field import Field
 
@@ -40,6 +42,7 @@ class Seen:
     cube: Field | None  # where it is to be saved
     notes: tuple[str, ...]
     segments: int
+    errors: Mapping[str, Part]
 
 
 class NumbersError(Exception):
@@ -102,6 +105,7 @@ def run(
     images = []
     for number, variant in enumerate(plan.variants):
         sight = seen[variant.name].sight
+        _check_finite(variant, sight, result)
         with clock.stage("sensor"):
             image = _observe(variant, sight, np.random.Generator(np.random.Philox(key=[result.seed, number])), result)
         images.append(VariantResult(variant.name, sight, image))
@@ -121,13 +125,35 @@ def _see(plan: Plan, device: Device, clock: Clock) -> dict[str, Seen]:
             key = group.first.rays_key
             if key not in lines:
                 lines[key] = compute.find_lines(device, group.first, clock)
-            for of_one in zip(*compute.captures(device, group, cube, lines[key], clock), strict=True):
+            taken = list(zip(*compute.captures(device, group, cube, lines[key], clock), strict=True))
+            sights = [develop(of_one, clock) for of_one in taken]
+            first = [of_one[0] for of_one in taken]
+            errors = _measured(device, plan, cube, lines[key], first, sights, clock)
+            for of_one, sight in zip(taken, sights, strict=True):
                 variant = of_one[0].variant
-                sight = develop(of_one, clock)
                 kept = cube if variant.scene.output.save_field else None
                 segments = sum(capture.segments for capture in of_one)
-                seen[variant.name] = Seen(sight, of_one[0].surrogate, kept, cube.notes if cube else (), segments)
+                notes = cube.notes if cube else ()
+                seen[variant.name] = Seen(sight, of_one[0].surrogate, kept, notes, segments, errors)
     return seen
+
+
+def _measured(
+    device: Device,
+    plan: Plan,
+    cube: Field | None,
+    lines: Lines,
+    captures: list[Capture],
+    sights: list[Sight],
+    clock: Clock,
+) -> Mapping[str, Part]:
+    """The error budget of the variants that share a trace, where it is wanted."""
+    if not captures[0].variant.scene.numerics.error_budget:
+        return {}
+    from thzcl import budget
+
+    with clock.stage("error-budget"):
+        return budget.measure(device, cube, lines, captures, sights, plan.scenario.seed)
 
 
 def _check_together(document: Document, plan: Plan) -> None:
@@ -185,6 +211,25 @@ def _check_memory(plan: Plan, device: Device) -> None:
         raise ScenarioError([f"{plan.scenario.name}: needs one array of {largest / 2**30:.1f} GiB, but {have}; {advice}"])
 
 
+def _check_finite(variant: VariantPlan, sight: Sight, so_far: Result) -> None:
+    """No image with holes goes to a sensor. Raises NumbersError naming the first pixel that is not a number, and its ray."""
+    planes = [sight.optical_depth, sight.returned if isinstance(sight, Echoes) else sight.contrast]
+    if all(np.isfinite(plane.sum(dtype=np.float64)) or np.isfinite(plane).all() for plane in planes):
+        return
+    bad = ~np.all([np.isfinite(plane).all(axis=0) for plane in planes], axis=0)
+    row, column = (int(n) for n in np.argwhere(bad)[0])
+    rows, columns = bad.shape
+    middle = replace(variant.geometry, raster=replace(variant.geometry.raster, rows=rows, columns=columns, margin=0))
+    frame = camera_frame(variant.scene.camera, middle.raster)
+    x, y, z = directions(replace(middle, frame=frame), np.array([row]), np.array([column]))[0]
+    a, b, c = variant.scene.camera.position_m
+    raise NumbersError(
+        f"{variant.name}: {int(bad.sum())} pixels are not finite numbers; the first is row {row}, column {column}, whose ray "
+        f"runs from ({a:g}, {b:g}, {c:g}) m along ({x:.6g}, {y:.6g}, {z:.6g}); please report the scene",
+        so_far,
+    )
+
+
 def _observe(variant: VariantPlan, sight: Sight, rng: np.random.Generator, so_far: Result) -> Image:
     """The sensor's image, checked. Raises NumbersError naming the plugin, the radiances kept."""
 
@@ -231,7 +276,7 @@ def _result(plan: Plan, device: Device, seen: Mapping[str, Seen], clock: Clock, 
         build_options=tuple(device.build_options),
         seconds=clock.seconds,
         left_out=tuple({"stage": stage.name, "reason": stage.reason} for stage in left_out),
-        warnings=tuple(overview.warnings(plan) + list(notes)),
+        warnings=tuple(overview.warnings(plan) + list(notes) + _missed(plan, seen)),
         error_budget=_errors(plan, seen),
         voxel_segments=sum(one.segments for one in seen.values()),
         versions=_versions(),
@@ -240,12 +285,29 @@ def _result(plan: Plan, device: Device, seen: Mapping[str, Seen], clock: Clock, 
 
 
 def _errors(plan: Plan, seen: Mapping[str, Seen]) -> dict[str, dict[str, Any]]:
-    """What is known of the errors made, by part."""
-    found = {"surrogate": max((one.surrogate.measured_error(), "of the mean absorption") for one in seen.values())}
+    """What is known of the errors made, by part: of the fit and by the sensors' word, and as measured where that is wanted."""
+    found = {"absorption-fit": max((one.surrogate.measured, "of the mean absorption") for one in seen.values())}
     for variant in plan.variants:
         for part, error in variant.needs.errors.items():
             found[part] = max(error, found.get(part, error))
-    return {part: {"rms": size, "max": size, "unit": unit} for part, (size, unit) in found.items()}
+    known = {part: {"rms": size, "max": size, "unit": unit} for part, (size, unit) in found.items()}
+    unit = "of the power sent" if plan.variants[0].needs.reflection else "K"
+    parts: dict[str, Part] = {}
+    for one in seen.values():
+        for name, measured in one.errors.items():
+            parts[name] = type(measured)(*map(max, measured, parts.get(name, measured)))
+    return known | {name: {"rms": p.rms, "max": p.max, "unit": unit, "relative": p.relative} for name, p in parts.items()}
+
+
+def _missed(plan: Plan, seen: Mapping[str, Seen]) -> list[str]:
+    """Of variants whose measured error is more than the tolerance."""
+    found = []
+    for variant in plan.variants:
+        bearable, total = variant.scene.numerics.tolerance, seen[variant.name].errors.get("total")
+        if bearable is not None and total is not None and total.relative > bearable:
+            text = 'remove what [numerics] fixes, or set ray_stride = 1 and precision = "float64"'
+            found.append(f"{variant.name}: error of {total.relative:.1e} of the contrast, tolerance {bearable:g}; {text}")
+    return found
 
 
 def _angles(camera: scenario.Camera) -> tuple[np.ndarray[Any, Any], np.ndarray[Any, Any]]:

@@ -16,9 +16,10 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from thzcl import field_file, files, geometry, optics, plugins, radiometry
+from thzcl import accuracy, bands, field_file, files, geometry, optics, plugins, radiometry
 from thzcl.absorption import Air, Surrogate, fit
 from thzcl.absorption.mpm93 import REFUSED_ABOVE_GHZ, line_centers_ghz, line_width_ghz
+from thzcl.accuracy import Accuracy, AirAlong, Rays
 from thzcl.field_file import CubeFile
 from thzcl.geometry import Geometry, Surface
 from thzcl.plugins import SensorFailure
@@ -29,9 +30,6 @@ from thzcl.turbulence import Turbulence, turbulence
 Array = NDArray[np.float64]
 Span = tuple[float, float]
 
-SURROGATE_TOLERANCE = {"float32": 1e-7, "float64": 1e-13}  # below what the arithmetic adds along a path
-NEGLIGIBLE = 1e-7  # of the air's radiance: what a ray past its cut-off depth could still show
-SMALLEST_CUTOFF = 16.0
 DEPTH_CHECKED_EVERY = 16  # voxels, where rays can reach the cut-off depth
 EMISSION_AT_ONCE = 8  # frequencies that one pass through fluctuating temperature carries
 
@@ -79,7 +77,7 @@ class VariantPlan:
     surfaces: list[Surface]
     field: FieldPlan | None
     surrogate: Surrogate
-    cutoff: float  # optical depth, along the camera's ray, at which it ends
+    accuracy: Accuracy
 
     @property
     def isothermal(self) -> bool:
@@ -89,7 +87,12 @@ class VariantPlan:
     @property
     def precision(self) -> str:
         """Arithmetic on the device."""
-        return self.scene.numerics.precision
+        return self.accuracy.precision
+
+    @property
+    def stride(self) -> int:
+        """Every so many rays are traced, both ways; all where interpolating would not do."""
+        return self.accuracy.stride if self.field is not None and self.isothermal and self.times_s is None else 1
 
     @property
     def orientation(self) -> str:
@@ -116,7 +119,7 @@ class VariantPlan:
         """What a band's mean transmission is weighted with: for emission, the power that the air's temperature makes."""
         if self.weights is None or self.needs.reflection:
             return self.weights
-        return _normalised(self.weights * radiometry.planck(self.frequency_hz, self.scene.atmosphere.temperature_k))
+        return normalised(self.weights * radiometry.planck(self.frequency_hz, self.scene.atmosphere.temperature_k))
 
     @property
     def pixel_rad(self) -> tuple[float, float]:
@@ -164,11 +167,16 @@ class Group:
     @property
     def cutoff(self) -> float:
         """Optical depth at which a ray is of no more use to any of them."""
-        return max(variant.cutoff for variant in self.variants)
+        return max(variant.accuracy.cutoff for variant in self.variants)
+
+    @property
+    def stride(self) -> int:
+        """Every so many rays are traced, both ways: as few as serve all."""
+        return min(variant.stride for variant in self.variants)
 
     @cached_property
-    def sample(self) -> tuple[Array, Array]:
-        """A few thousand rays: unit directions (n, 3) and lengths in m (n,), the cut-off not regarded."""
+    def sample(self) -> Rays:
+        """A few thousand rays, the cut-off not regarded."""
         return sample_rays(self.first.geometry)
 
     @property
@@ -180,7 +188,7 @@ class Group:
     @property
     def cut(self) -> bool:
         """Whether rays reach the cut-off depth, so that their depth must be watched."""
-        return float(self.sample[1].max()) >= self.visible_m
+        return float(self.sample.length.max()) >= self.visible_m
 
     @property
     def passes(self) -> int:
@@ -255,15 +263,29 @@ def _plan_variant(scenario: Scenario, name: str, scene: Scene, sensor: Sensor) -
     if needs.optics is not None:
         rays = optics.sampling(needs.optics, plain, pixel_angles(scene), frequency_hz)
         shape = replace(shape, raster=rays, frame=geometry.camera_frame(scene.camera, rays))
-    humidity, temperature = field.spans() if field else ((0.0, 0.0), (0.0, 0.0))
-    tolerance = SURROGATE_TOLERANCE[scene.numerics.precision]
-    surrogate = fit(air, frequency_hz, humidity, temperature, tolerance=tolerance, moments=scene.numerics.moments)
-    weights = None if needs.weights is None else _normalised(needs.weights)
-    cutoff = _cutoff(scene, needs, surfaces, frequency_hz)
-    return VariantPlan(name, scene, sensor, needs, frequency_hz, weights, shape, surfaces, field, surrogate, cutoff)
+    weights = None if needs.weights is None else normalised(needs.weights)
+    settled = accuracy.settle(
+        scene, needs, surfaces, frequency_hz, weights, sample_rays(shape), _air_along(scene, field, air, frequency_hz, shape)
+    )
+    spans = field.spans() if field else ((0.0, 0.0), (0.0, 0.0))
+    surrogate = fit(air, frequency_hz, *spans, tolerance=settled.surrogate, moments=scene.numerics.moments)
+    return VariantPlan(name, scene, sensor, needs, frequency_hz, weights, shape, surfaces, field, surrogate, settled)
 
 
-def _normalised(weights: ArrayLike) -> Array:
+def _air_along(scene: Scene, field: FieldPlan | None, air: Air, frequency_hz: Array, shape: Geometry) -> AirAlong:
+    """What the plan knows of the air that rays cross."""
+    absorption = air.absorption(frequency_hz)
+    step = 1e-3
+    slope = (air.absorption(frequency_hz, step) - absorption) / step
+    source = field.source if field is not None and isinstance(field.source, Turbulence) else None
+    fluctuations = scene.atmosphere.fluctuations
+    turn = geometry.ROTATIONS[fluctuations.grid_orientation if fluctuations else "aligned"]
+    apart = max(angle / n for angle, n in zip(pixel_angles(scene), reversed(shape.raster.block), strict=True))
+    return AirAlong(absorption, slope, source, turn, apart)
+
+
+def normalised(weights: ArrayLike) -> Array:
+    """Weights of bands, (band, frequency), with rows of sum 1."""
     rows = np.atleast_2d(np.asarray(weights, dtype=np.float64))
     return np.asarray(rows / rows.sum(axis=1, keepdims=True))
 
@@ -275,12 +297,13 @@ def pixel_angles(scene: Scene) -> tuple[float, float]:
     return width, height
 
 
-def sample_rays(shape: Geometry) -> tuple[Array, Array]:
-    """A few thousand rays: unit directions (n, 3) and lengths in m (n,)."""
+def sample_rays(shape: Geometry) -> Rays:
+    """A few thousand rays."""
     rows, columns = (np.unique(np.linspace(0, n - 1, 64).astype(np.int64)) for n in (shape.raster.rows, shape.raster.columns))
     direction = geometry.directions(shape, np.repeat(rows, len(columns)), np.tile(columns, len(rows)))
     norm = np.linalg.norm(direction, axis=1)
-    return direction / norm[:, None], geometry.reach(shape, direction) * norm
+    reach, surface = geometry.first_met(shape, direction)
+    return Rays(direction / norm[:, None], reach * norm, surface)
 
 
 def _needs(sensor: Sensor, view: View, name: str) -> Needs:
@@ -308,12 +331,14 @@ def _needs(sensor: Sensor, view: View, name: str) -> Needs:
 
 
 def _view(scene: Scene, air: Air, shape: Geometry, scenario: Scenario) -> View:
-    lengths = sample_rays(shape)[1]
+    lengths = sample_rays(shape).length
     paths = float(lengths.min()), float(lengths.max())
     pixels, angles = scene.camera.pixels, pixel_angles(scene)
     lines_hz, width_hz = line_centers_ghz() * 1e9, line_width_ghz(air.pressure_hpa) * 1e9
     read = lambda name: files.read_table(scenario.locate(name))  # noqa: E731 (a view's one verb)
-    return View(pixels, angles, air.temperature_k, paths, air.absorption, lines_hz, width_hz, read)
+    bearable = scene.numerics.tolerance
+    tolerance = bands.TOLERANCE if bearable is None else accuracy.BAND * bearable
+    return View(pixels, angles, air.temperature_k, paths, air.absorption, lines_hz, width_hz, read, tolerance)
 
 
 def _plan_field(folder: Path, scene: Scene, air: Air) -> FieldPlan | None:
@@ -330,26 +355,3 @@ def _plan_field(folder: Path, scene: Scene, air: Air) -> FieldPlan | None:
     # Only where the ceiling is within reach does it tell apart the cubes of two climates.
     bites = source.humidity_span()[1] > air.most_vapour
     return FieldPlan(source, air.most_vapour if bites else math.inf, None)
-
-
-def _cutoff(scene: Scene, needs: Needs, surfaces: list[Surface], frequency_hz: Array) -> float:
-    """The depth behind which nothing that can be seen is worth 1e-7 of the air's radiance."""
-    given = scene.numerics.cutoff_depth or needs.cutoff_depth
-    if given is not None:
-        return given
-    air = 1.0 if needs.reflection else radiometry.planck(frequency_hz, scene.atmosphere.temperature_k)
-    brightest = float(np.max(np.abs(sources(scene, needs, surfaces, frequency_hz)) / air))
-    return max(SMALLEST_CUTOFF, math.log(brightest / NEGLIGIBLE) if brightest > 0 else 0.0)
-
-
-def sources(scene: Scene, needs: Needs, surfaces: list[Surface], frequency_hz: Array) -> Array:
-    """What each surface sends to the camera, (surface, frequency).
-
-    Radiance above the mean air's, that of air where no temperature is given; or, for a sensor of echoes, its reflectivity.
-    """
-    reflectivity = np.array([s.reflectivity for s in surfaces])
-    if needs.reflection:
-        return np.broadcast_to(reflectivity[:, None], (len(surfaces), len(frequency_hz)))
-    air_k = scene.atmosphere.temperature_k
-    kelvin = np.array([air_k if s.temperature_k is None else s.temperature_k for s in surfaces])
-    return radiometry.surface_contrast(frequency_hz, kelvin, reflectivity, air_k, scene.background.environment)

@@ -71,8 +71,11 @@ def summary(found: dict[str, Any]) -> None:
         table("", ["variant", "of its image", "value", "unit"], facts)
     table("", ["stage", "seconds"], [[stage, f"{spent:.3f}"] for stage, spent in found["seconds"].items()])
     table("", ["left out", "why"], [[item["stage"], item["reason"]] for item in found["left_out"]])
-    budget = [[part, f"{e['rms']:.2g}", f"{e['max']:.2g}", e["unit"]] for part, e in found["error_budget"].items()]
-    table("", ["error of", "rms", "max", "unit"], budget)
+    budget = [
+        [part, f"{e['rms']:.2g}", f"{e['max']:.2g}", e["unit"], _number(e.get("relative"), ".2g")]
+        for part, e in found["error_budget"].items()
+    ]
+    table("", ["error of", "rms", "max", "unit", "rms over contrast"], budget)
     print(f"device: {found['device']}")
     for warning in found["warnings"]:
         print(f"note: {warning}")
@@ -88,6 +91,11 @@ def plan(found: dict[str, Any]) -> None:
     """Prints what a run would do."""
     rows = [[stage["name"], "needed" if stage["needed"] else "left out", stage["reason"]] for stage in found["stages"]]
     table(found["scenario"], ["stage", "", "why"], rows)
+    settings = found["numerics"]
+    same = all({**one, "variant": ""} == {**settings[0], "variant": ""} for one in settings)
+    shown = [settings[0] | {"variant": "all"}] if same else settings
+    rows = [["" if value is None else str(value) for value in one.values()] for one in shown]
+    table("numerics", [name.replace("_", " ") for name in shown[0]], rows)
     frequencies = found["frequencies_ghz"]
     band = ", ".join(f"{f:g}" for f in frequencies[:8]) + (f", ... {frequencies[-1]:g}" if len(frequencies) > 8 else "")
     print(f"frequencies: {band} GHz")

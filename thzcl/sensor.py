@@ -94,6 +94,7 @@ class View:
     lines_hz: Array  # where its lines are
     line_width_hz: float  # and how wide, about
     table: Callable[[str], Array]  # rows of numbers of a CSV file beside the scenario
+    tolerance: float = bands.TOLERANCE  # bearable error of a sum over frequency, of what the shortest path lets through
 
 
 @dataclass(frozen=True)
@@ -109,6 +110,7 @@ class Needs:
     times_s: ArrayLike | None = None  # (sample, y, x): when each pixel is taken; samples are averaged
     optics: Optics | None = None
     noise: bool = False  # whether observe() draws random numbers
+    finer: tuple[ArrayLike, ArrayLike] | None = None  # frequencies and weights of the same bands, summed far more finely
     errors: Mapping[str, tuple[float, str]] = field(default_factory=dict)  # known errors: part -> relative size, of what
 
 

@@ -35,6 +35,31 @@ class Medium:
 
 
 @dataclass(frozen=True)
+class Followed:
+    """The rays of a raster that are followed: those whose numbers are `picked`, or all."""
+
+    count: int
+    numbers: Buffer | None
+
+    @property
+    def options(self) -> list[str]:
+        """Build options."""
+        return [] if self.numbers is None else ["PICKED"]
+
+    def padded(self, device: Device, precision: str) -> int:
+        """How many slots they take in whole groups of packets."""
+        packet = device.lanes(precision) * GROUP
+        return -(-self.count // packet) * packet
+
+
+def follow(device: Device, geometry: Geometry, picked: NDArray[Any] | None = None) -> Followed:
+    """All rays of a raster, or those picked by number."""
+    if picked is None:
+        return Followed(geometry.raster.rays, None)
+    return Followed(len(picked), device.put(picked, np.int32))
+
+
+@dataclass(frozen=True)
 class Ends:
     """Where rays end, on the device; arrays are padded to whole groups of packets.
 
@@ -44,6 +69,7 @@ class Ends:
     """
 
     geometry: Geometry
+    followed: Followed
     reach: Buffer
     end: Buffer
     stretch: Buffer
@@ -71,6 +97,7 @@ class Paths:
     blend: Buffer
     moments: Buffer | None
     segments: int  # voxels crossed over positive length
+    between: NDArray[np.bool_] | None = None  # the rays that were interpolated
 
 
 @dataclass(frozen=True)
@@ -89,11 +116,13 @@ class Shaded:
     contrast: Buffer
 
 
-def find_ends(device: Device, geometry: Geometry, precision: str, *, cosine: bool = False) -> Ends:
-    """Where every ray of the camera ends: the nearest surface, or max_range_m."""
-    packet = device.lanes(precision) * GROUP
-    padded = -(-geometry.raster.rays // packet) * packet
-    options = [*_surfaces(geometry), *(["COSINE"] if cosine else [])]
+def find_ends(
+    device: Device, geometry: Geometry, precision: str, *, cosine: bool = False, picked: NDArray[Any] | None = None
+) -> Ends:
+    """Where every ray of the camera, or every one picked by number, ends: the nearest surface, or max_range_m."""
+    followed = follow(device, geometry, picked)
+    padded = followed.padded(device, precision)
+    options = [*_surfaces(geometry), *(["COSINE"] if cosine else []), *followed.options]
     program = device.build(("camera", "surfaces"), precision, options)
     reach = device.empty((padded,), device.wide)
     stretch, path_length = (device.empty((padded,), precision) for _ in range(2))
@@ -106,6 +135,7 @@ def find_ends(device: Device, geometry: Geometry, precision: str, *, cosine: boo
         *_size(geometry),
         device.wide.type(geometry.max_range_m),
         *_things(device, geometry),
+        *_list(followed, surface),
         reach,
         stretch,
         path_length,
@@ -113,13 +143,13 @@ def find_ends(device: Device, geometry: Geometry, precision: str, *, cosine: boo
         blend,
         slant,
     )
-    return Ends(geometry, reach, reach, stretch, path_length, surface, blend, slant)
+    return Ends(geometry, followed, reach, reach, stretch, path_length, surface, blend, slant)
 
 
 def outgoing_ends(device: Device, ends: Ends, transmitter_m: tuple[float, float, float], precision: str) -> Ends:
     """The ways from a transmitter to what each ray met; where nothing was, or something stands between, no way at all."""
     geometry = ends.geometry
-    program = device.build(("camera", "surfaces"), precision, [*_surfaces(geometry), "OUTGOING"])
+    program = device.build(("camera", "surfaces"), precision, [*_surfaces(geometry), "OUTGOING", *ends.followed.options])
     surface = device.put(ends.surface.host())
     end = device.empty((ends.rays,), device.wide)
     length = device.empty((ends.rays,), precision)
@@ -129,26 +159,41 @@ def outgoing_ends(device: Device, ends: Ends, transmitter_m: tuple[float, float,
         device.put(world_frame(geometry.frame, np.array(transmitter_m)), device.wide),
         *_size(geometry),
         *_things(device, geometry),
+        *_list(ends.followed, surface),
         ends.reach,
         surface,
         end,
         length,
     )
-    return Ends(geometry, ends.reach, end, length, length, surface, ends.blend, ends.cosine, outgoing=True)
+    return Ends(geometry, ends.followed, ends.reach, end, length, length, surface, ends.blend, ends.cosine, outgoing=True)
 
 
-def trace(device: Device, ends: Ends, medium: Medium, moments: int, guard: Guard | None, precision: str) -> Paths:
-    """The path moments of every ray; a guarded ray stops past its depth, keeps its path so far, and meets nothing."""
+def trace(
+    device: Device,
+    ends: Ends,
+    medium: Medium,
+    moments: int,
+    guard: Guard | None,
+    precision: str,
+    followed: Followed | None = None,
+) -> Paths:
+    """The path moments of every ray; a guarded ray stops past its depth, keeps its path so far, and meets nothing.
+
+    Where only some rays are `followed`, the moments are theirs alone, in their order.
+    """
+    some = followed or ends.followed
     path_length, surface = _own_ends(device, ends, guard)
-    program = device.build(("camera", "march", "trace"), precision, _options(ends, medium, guard, MOMENTS=moments))
-    out = device.empty((moments, ends.rays), precision)
-    segments = device.empty((ends.rays // device.lanes(precision),), np.int32)
+    options = [*_options(ends, medium, guard, MOMENTS=moments), *some.options]
+    program = device.build(("camera", "march", "trace"), precision, options)
+    slots = some.padded(device, precision)
+    out = device.empty((moments, slots), precision)
+    segments = device.empty((slots // device.lanes(precision),), np.int32)
     limit = guard or Guard((0.0,) * (moments + 1), np.inf)
     program.run(
         "trace",
         len(segments),
         medium.delta,
-        *_placed(device, ends, medium),
+        *_placed(device, ends, medium, some),
         path_length,
         surface,
         out,
@@ -174,7 +219,7 @@ def there_and_back(device: Device, back: Paths, out: Paths) -> Paths:
     # What the cut-off ended on either way, or what is not lit, sends nothing back.
     surface = device.put(np.minimum(back.surface.host(), np.where(out.surface.host() > 0, np.iinfo(np.int32).max, 0)), np.int32)
     length = both(back.path_length, out.path_length)
-    return Paths(length, surface, back.blend, moments, back.segments + out.segments)
+    return Paths(length, surface, back.blend, moments, back.segments + out.segments, back.between)
 
 
 def shade(device: Device, paths: Paths, coefficients: Array, sources: Array, precision: str) -> Shaded:
@@ -291,7 +336,7 @@ def _emission_pass(
         len(segments),
         medium.delta,
         medium.offset,
-        *_placed(device, ends, medium),
+        *_placed(device, ends, medium, ends.followed),
         *own_ends,
         device.put(tables.coefficients, precision),
         device.put(tables.planck, precision),
@@ -350,11 +395,16 @@ def _size(geometry: Geometry) -> tuple[np.int32, np.int32]:
     return np.int32(geometry.raster.columns), np.int32(geometry.raster.rows)
 
 
-def _placed(device: Device, ends: Ends, medium: Medium) -> tuple[object, ...]:
+def _list(followed: Followed, stand_in: Buffer) -> tuple[Buffer, np.int32]:
+    """The kernel arguments that say which rays are followed; of all, no list is looked at."""
+    return followed.numbers or stand_in, np.int32(followed.count)
+
+
+def _placed(device: Device, ends: Ends, medium: Medium, followed: Followed) -> tuple[object, ...]:
     """The kernel arguments that place the rays in the cube and say how far they reach."""
     frame, log2n = device.put(medium.frame, device.wide), np.int32(medium.grid.bit_length() - 1)
     time = ends.reach if medium.time is None else medium.time
-    return frame, *_size(ends.geometry), log2n, ends.reach, ends.end, time, ends.stretch
+    return frame, *_size(ends.geometry), log2n, ends.reach, ends.end, time, ends.stretch, *_list(followed, ends.surface)
 
 
 def _own_ends(device: Device, ends: Ends, cut: object) -> tuple[Buffer, Buffer]:

@@ -57,6 +57,12 @@ class Turbulence:
         unit = variance(self.grid, self.voxel_m, self.outer_scale_m)
         return (self.sigma * mean_g_m3) ** 2 / unit, self.temperature_sigma_k**2 / unit
 
+    def neighbour_difference(self) -> float:
+        """Expected square of the difference of delta between neighbouring voxels."""
+        # Of the C^2 r^(2/3) of open air the periodic cube has 0.48 at one voxel; with an outer scale, no more.
+        unit = variance(self.grid, self.voxel_m, self.outer_scale_m)
+        return min(0.48 * self.sigma**2 / unit * math.pow(self.voxel_m, 2 / 3), 2 * self.sigma**2)
+
     def humidity_span(self) -> tuple[float, float]:
         """The range of delta that a cube leaves with probability 1e-6."""
         z = self._rarest() * (1 if self.exact else 1.5)  # one realisation's own sigma scatters

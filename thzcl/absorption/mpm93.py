@@ -6,6 +6,7 @@ Liebe, Hufford and Cotton (1993), "Propagation modeling of moist air and suspend
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cache
@@ -52,13 +53,14 @@ def attenuation(model: str, frequency_ghz: Any, temperature_k: Any, pressure_hpa
     `pressure_hpa` is the total pressure, vapour included. Raises ValueError for a frequency outside 0 to 1780 GHz, a
     vapour pressure outside 0 to the total pressure, or an unknown model.
     """
-    f, t, total, e = np.broadcast_arrays(
-        *(np.asarray(x, dtype=np.float64) for x in (frequency_ghz, temperature_k, pressure_hpa, vapour_pressure_hpa))
-    )
+    given = [np.asarray(x, dtype=np.float64) for x in (frequency_ghz, temperature_k, pressure_hpa, vapour_pressure_hpa)]
+    shape = np.broadcast_shapes(*(x.shape for x in given))
+    # Not spread out to that shape: what depends on a few of them alone is computed once.
+    f, t, total, e = (x.reshape((1,) * (len(shape) - x.ndim) + x.shape) for x in given)
     if model not in MODELS:
         raise ValueError(f"unknown absorption model {model!r}; choose one of {', '.join(MODELS)}")
     if model == "none":
-        return Attenuation(np.zeros(f.shape), np.zeros(f.shape))
+        return Attenuation(np.zeros(shape), np.zeros(shape))
     if not np.all((f > 0) & (f <= REFUSED_ABOVE_GHZ)):
         raise ValueError(f"MPM93 knows frequencies above 0 and up to {REFUSED_ABOVE_GHZ:g} GHz")
     if not np.all((t > 0) & (e >= 0) & (e <= total)):
@@ -66,8 +68,8 @@ def attenuation(model: str, frequency_ghz: Any, temperature_k: Any, pressure_hpa
     theta = 300.0 / t
     dry_pressure = total - e
     scale = 0.1820 * f
-    dry = _oxygen(f, theta, dry_pressure, e) + _nitrogen(f, theta, dry_pressure)
-    vapour = _water(f, theta, dry_pressure, e, model == "mpm93-corrected")
+    dry = _oxygen(f, theta, dry_pressure, e, shape) + _nitrogen(f, theta, dry_pressure)
+    vapour = _water(f, theta, dry_pressure, e, shape, corrected=model == "mpm93-corrected")
     return Attenuation(scale * dry, scale * vapour)
 
 
@@ -82,17 +84,17 @@ def line_width_ghz(pressure_hpa: float) -> float:
     return 3e-3 * pressure_hpa + 1e-3
 
 
-def _oxygen(f: Array, theta: Array, p: Array, e: Array) -> Array:
+def _oxygen(f: Array, theta: Array, p: Array, e: Array, shape: tuple[int, ...]) -> Array:
     """Imaginary refractivity N'' in ppm of the oxygen lines and the non-resonant spectrum."""
-    lines = np.zeros(f.shape)
-    for f0, a1, a2, a3, a4, a5, a6 in _blocks("mpm93_oxygen_lines.csv", f):
+    lines = np.zeros(shape)
+    for f0, a1, a2, a3, a4, a5, a6 in _blocks("mpm93_oxygen_lines.csv", shape):
         strength = 1e-6 * a1 / f0 * p * theta**3 * np.exp(a2 * (1 - theta))
         width = 1e-3 * a3 * (p * theta ** (0.8 - a4) + 1.1 * e * theta)
         width = np.sqrt(width**2 + (25 * 0.6e-4) ** 2)  # Zeeman splitting
         overlap = 1e-3 * (a5 + a6 * theta) * (p + e) * theta**0.8
         below, above = f0 - f, f0 + f
-        shape = (width - below * overlap) / (below**2 + width**2) + (width - above * overlap) / (above**2 + width**2)
-        lines += np.sum(strength * f * shape, axis=0)
+        resonances = (width - below * overlap) / (below**2 + width**2) + (width - above * overlap) / (above**2 + width**2)
+        lines += np.sum(strength * f * resonances, axis=0)
     width = 0.56e-3 * (p + e) * theta**0.8
     debye = 6.14e-5 * p * theta**2 * f * width / (f**2 + width**2)
     # Line mixing makes the far wings' sum negative: MPM93 sets it to zero.
@@ -104,11 +106,11 @@ def _nitrogen(f: Array, theta: Array, p: Array) -> Array:
     return np.asarray(1.40e-12 * p**2 * theta**3.5 * f / (1 + 1.93e-5 * f**1.5))
 
 
-def _water(f: Array, theta: Array, p: Array, e: Array, corrected: bool) -> Array:
+def _water(f: Array, theta: Array, p: Array, e: Array, shape: tuple[int, ...], *, corrected: bool) -> Array:
     """Imaginary refractivity N'' in ppm of the water-vapour lines and the continuum pseudo-line."""
-    total = np.zeros(f.shape)
+    total = np.zeros(shape)
     thin_air = p + e < 0.7
-    for f0, b1, b2, b3, b4, b5, b6 in _blocks("mpm93_water_lines.csv", f):
+    for f0, b1, b2, b3, b4, b5, b6 in _blocks("mpm93_water_lines.csv", shape):
         strength = b1
         for line, physical in _CORRECTED_STRENGTHS.items() if corrected else ():
             strength = np.where(f0 == line, physical, strength)
@@ -116,16 +118,16 @@ def _water(f: Array, theta: Array, p: Array, e: Array, corrected: bool) -> Array
         width = 1e-3 * b3 * (b4 * e * theta**b6 + p * theta**b5)
         doppler = 0.535 * width + np.sqrt(0.217 * width**2 + (1.46e-6 * f0) ** 2 / theta)
         width = np.where(thin_air, doppler, width)
-        shape = 1 / ((f0 - f) ** 2 + width**2) + 1 / ((f0 + f) ** 2 + width**2)
-        total += np.sum(strength * f * width * shape, axis=0)
+        resonances = 1 / ((f0 - f) ** 2 + width**2) + 1 / ((f0 + f) ** 2 + width**2)
+        total += np.sum(strength * f * width * resonances, axis=0)
     return total
 
 
-def _blocks(name: str, f: Array) -> Iterator[Array]:
-    """A line table's columns, in blocks of lines small enough for the cache, shaped to broadcast against `f`."""
+def _blocks(name: str, shape: tuple[int, ...]) -> Iterator[Array]:
+    """A line table's columns, in blocks of lines small enough for the cache, shaped to broadcast against `shape`."""
     table = _table(name)
-    for block in np.array_split(table, min(len(table), 1 + f.size * len(table) // 50_000)):
-        yield block.T.reshape(block.shape[1], -1, *(1,) * f.ndim)
+    for block in np.array_split(table, min(len(table), 1 + math.prod(shape) * len(table) // 50_000)):
+        yield block.T.reshape(block.shape[1], -1, *(1,) * len(shape))
 
 
 @cache

@@ -8,6 +8,7 @@ air is at delta = 0, so what float32 must resolve are departures from it.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -28,7 +29,8 @@ _SAFETY = 1.2  # between checked points the error may be a little larger than at
 class Surrogate:
     """K(nu, delta, t) = sum over k, j of coefficients[nu, k, j] delta^k t^j, in 1/m; t is in kelvin.
 
-    `error` bounds |polynomial - model| over the spans and all frequencies, relative to the mean air's absorption.
+    `measured` is the largest |polynomial - model| over the spans and all frequencies, relative to the mean air's absorption,
+    at points that the fit has not seen; `error` bounds it everywhere.
     """
 
     air: Air
@@ -37,6 +39,7 @@ class Surrogate:
     humidity_span: Span
     temperature_span: Span
     error: float
+    measured: float
 
     @property
     def moments(self) -> int:
@@ -49,13 +52,6 @@ class Surrogate:
         powers_d = d[..., None] ** np.arange(self.coefficients.shape[1])
         powers_t = t[..., None] ** np.arange(self.coefficients.shape[2])
         return np.asarray(np.einsum("fkj,...k,...j->f...", self.coefficients, powers_d, powers_t))
-
-    def measured_error(self) -> float:
-        """Largest error, relative to the mean air's absorption, at points that the fit has not seen."""
-        delta = _evenly(self.humidity_span, 101)[:, None]
-        offset = _evenly(self.temperature_span, 41)[None, :]
-        exact = self.air.absorption(self.frequency_hz[:, None, None], delta, offset)
-        return float(np.max(np.abs(self.absorption(delta, offset) - exact) / _scale(self.air, self.frequency_hz)))
 
 
 def fit(
@@ -72,20 +68,41 @@ def fit(
     `humidity_span` bounds delta, `temperature_span` the departure from the mean in kelvin. `moments` fixes the degree in
     delta. Past degree 16 the fit is returned with the error it has: the caller reports it.
     """
-    low, high = max(humidity_span[0], -1.0), min(humidity_span[1], air.most_vapour)
-    if air.absolute_humidity_g_m3 == 0 or air.model == "none" or low >= high:
-        low = high = 0.0
-    spans = ((low, high), temperature_span)
-    nodes_d, nodes_t = (_nodes(span) for span in spans)
-    values = air.absorption(frequency_hz[:, None, None], nodes_d[:, None], nodes_t[None, :])
-    values /= _scale(air, frequency_hz)
-    series = np.einsum("kn,jm,fnm->fkj", _to_series(len(nodes_d)), _to_series(len(nodes_t)), values)
+    spans, scale = (possible(air, humidity_span), temperature_span), _scale(air, frequency_hz)
+    series = chebyshev_series(lambda d, t: air.absorption(frequency_hz[:, None, None], d, t) / scale, *spans)
+    values = np.einsum("nk,mj,fkj->fnm", _chebyshev(series.shape[1]), _chebyshev(series.shape[2]), series, optimize=True)
     degrees = _degrees(values, series, tolerance, moments)
     cut = series[:, : degrees[0] + 1, : degrees[1] + 1]
     powers_d, powers_t = (_to_powers(span, degree) for span, degree in zip(spans, degrees, strict=True))
-    coefficients = np.einsum("ka,jb,fkj->fab", powers_d, powers_t, cut) * _scale(air, frequency_hz)
-    surrogate = Surrogate(air, frequency_hz, coefficients, *spans, error=0.0)
-    return replace(surrogate, error=_SAFETY * max(_error_of_cut(values, series, degrees), surrogate.measured_error()))
+    coefficients = np.einsum("ka,jb,fkj->fab", powers_d, powers_t, cut) * scale
+    surrogate = Surrogate(air, frequency_hz, coefficients, *spans, error=0.0, measured=0.0)
+    measured = _measured(surrogate, scale)
+    return replace(surrogate, measured=measured, error=_SAFETY * max(_error_of_cut(values, series, degrees), measured))
+
+
+def _measured(surrogate: Surrogate, scale: Array) -> float:
+    """The largest error at points half way between the nodes, and at the ends of the spans."""
+    delta, offset = (
+        _between(span)[index]
+        for span, index in zip(
+            (surrogate.humidity_span, surrogate.temperature_span), (np.s_[:, None], np.s_[None, :]), strict=True
+        )
+    )
+    exact = surrogate.air.absorption(surrogate.frequency_hz[:, None, None], delta, offset)
+    return float(np.max(np.abs(surrogate.absorption(delta, offset) - exact) / scale))
+
+
+def possible(air: Air, humidity_span: Span) -> Span:
+    """A span of delta limited to what this air can be: between dry, and vapour alone."""
+    low, high = max(humidity_span[0], -1.0), min(humidity_span[1], air.most_vapour)
+    return NOWHERE if air.absolute_humidity_g_m3 == 0 or air.model == "none" or low >= high else (low, high)
+
+
+def chebyshev_series(absorption: Callable[[Array, Array], Array], humidity_span: Span, temperature_span: Span) -> Array:
+    """A function of delta and t, of shape (frequency, delta, t), as a series T_k T_j through 33 nodes each way."""
+    nodes_d, nodes_t = _nodes(humidity_span), _nodes(temperature_span)
+    values = absorption(nodes_d[:, None], nodes_t[None, :])
+    return np.asarray(np.einsum("kn,jm,fnm->fkj", _to_series(len(nodes_d)), _to_series(len(nodes_t)), values, optimize=True))
 
 
 def _degrees(values: Array, series: Array, tolerance: float, moments: int | None) -> tuple[int, int]:
@@ -111,8 +128,12 @@ def _scale(air: Air, frequency_hz: Array) -> Array:
     return np.where(mean > 0, mean, 1.0)
 
 
-def _evenly(span: Span, count: int) -> Array:
-    return np.linspace(*span, count) if span[0] < span[1] else np.array([span[0]])
+def _between(span: Span) -> Array:
+    """The extremes of T_33, each between two nodes, the ends among them; or the one point of an empty span."""
+    if span[0] >= span[1]:
+        return np.array([span[0]])
+    middle, half = (span[0] + span[1]) / 2, (span[1] - span[0]) / 2
+    return np.asarray(middle + half * np.cos(np.arange(_NODES + 1) * np.pi / _NODES))
 
 
 def _nodes(span: Span) -> Array:

@@ -199,11 +199,20 @@ class Background(Table):
 class Numerics(Table):
     """How the numbers are computed; every key has a sound default."""
 
-    precision: Literal["float32", "float64"] = key("float32", help="arithmetic on the device")
+    precision: Literal["float32", "float64"] | None = key(
+        None, help="arithmetic on the device; float32 where the tolerance allows"
+    )
     cutoff_depth: Positive | None = key(None, help="optical depth at which a ray ends; by default where the rest is worth 1e-7")
     moments: int | None = key(
         None, ge=1, le=16, help="degree of the absorption polynomial; by default as accurate as the arithmetic"
     )
+    ray_stride: int | None = key(
+        None, ge=1, le=64, help="trace every so many rays both ways, and interpolate within each thing seen; 1 is exact"
+    )
+    tolerance: float | None = key(
+        None, ge=1e-9, le=0.1, help="bearable error, relative to the image's largest contrast; picks whatever is not given"
+    )
+    error_budget: bool = key(True, help="follow some rays again without any shortcut, to measure the errors made")
 
 
 class Output(Table):
