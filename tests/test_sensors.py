@@ -195,7 +195,7 @@ MILD = {"temperature_k": 293.15, "relative_humidity_percent": 44.0}
 )
 def test_mean_transmission_of_the_band(tmp_path, changes, expected, within):
     """80 m of uniform air at 20 degrees and 44 %: resolved, and the paper's quadratures at their own values (PHYSICS 4)."""
-    wall = MIRROR | {"reflectivity": 0.0, "temperature_k": 310.0}
+    wall = MIRROR | {"center_m": [81.0, 0.0, 1.2], "reflectivity": 0.0, "temperature_k": 310.0}
     result = run(tmp_path, facing(80.0, sensor=BROAD | changes, atmosphere=MILD, targets={"wall": wall}))
     assert np.exp(-result.variants[0].sight.optical_depth[0, 1, 1]) == pytest.approx(expected, rel=within)
     error = result.error_budget["band-quadrature"]["relative"]
