@@ -43,6 +43,7 @@ typedef int whole;
 typedef VECTOR(REAL) reals;
 typedef VECTOR(WHOLE) wholes;
 #define TO_REALS(x) VECTOR(JOIN(convert_, REAL))(x)
+#define TO_WHOLES(x) VECTOR(JOIN(convert_, WHOLE))(x)
 
 // Rays start in float64 where the device has it: a hit or a miss must not depend on rounding.
 #ifdef WIDE

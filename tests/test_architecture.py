@@ -13,8 +13,8 @@ from conftest import ROOT
 FLOW = [
     "thzcl", "files", "linker", "clock", "absorption", "scenario", "radiometry", "bands", "sensor", "hookspecs", "plugins",
     "turbulence", "field_file", "texture", "geometry", "optics", "accuracy", "plan", "overview", "device", "field", "trace",
-    "thinning", "compute", "develop", "reference", "budget", "figure", "result", "pipeline", "newsensor", "printing",
-    "doctor", "cli", "__main__",
+    "thinning", "compute", "develop", "exposure", "ensemble", "reference", "budget", "figure", "result", "checks", "pipeline",
+    "newsensor", "printing", "doctor", "cli", "__main__",
 ]  # fmt: skip
 STRANGERS = [
     ("field", "trace"),

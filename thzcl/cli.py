@@ -126,6 +126,7 @@ def run(
 ) -> None:
     """Compute the images of a scenario: DIR/<scenario>.nc and DIR/<scenario>.png."""
     from thzcl import pipeline, printing
+    from thzcl.checks import NumbersError
     from thzcl.files import make_folder
     from thzcl.scenario import find
 
@@ -142,9 +143,9 @@ def run(
                 allow_outside=allow_outside,
                 progress=progress,
             )
-        except pipeline.NumbersError as failure:
+        except NumbersError as failure:
             failure.result.save(files[0])
-            raise pipeline.NumbersError(f"{failure}; the radiances are kept in {files[0]}", failure.result) from failure
+            raise NumbersError(f"{failure}; the radiances are kept in {files[0]}", failure.result) from failure
         start = time.perf_counter()
         progress("file")
         result.save(files[0])

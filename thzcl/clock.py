@@ -16,12 +16,18 @@ class Clock:
 
     progress: Progress | None = None
     seconds: dict[str, float] = field(default_factory=dict)
+    _prefix: str = ""
+
+    def counted(self, number: int, of: int) -> None:
+        """Says how far a long piece of work has come: before every stage, `number` of `of` is shown from now on."""
+        filled = round(20 * number / of)
+        self._prefix = f"[{'#' * filled}{'.' * (20 - filled)}] {number} of {of}: "
 
     @contextmanager
     def stage(self, stage: str) -> Iterator[None]:
         """Times what happens within."""
         if self.progress:
-            self.progress(stage)
+            self.progress(self._prefix + stage)
         start = time.perf_counter()
         try:
             yield

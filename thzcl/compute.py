@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -23,6 +23,7 @@ from thzcl.trace import Ends, Guard, Medium, Paths, Shaded
 from thzcl.turbulence import Turbulence
 
 Array = NDArray[np.float64]
+Tracer = Callable[[Device, Group, Ends, Medium, int, Guard | None], Paths]
 FAINTEST = 1e-38  # transmission whose logarithm still is a number
 
 
@@ -50,14 +51,14 @@ class Capture:
     segments: int
 
 
-def make_field(device: Device, variant: VariantPlan, clock: Clock) -> Field | None:
-    """The cube that a variant's rays cross, generated or read; None in uniform air."""
+def make_field(device: Device, variant: VariantPlan, clock: Clock, library: str | None = None) -> Field | None:
+    """The cube that a variant's rays cross, made or read; None in uniform air. `library` as in Device.inverse_transform."""
     if variant.field is None:
         return None
     source, ceiling = variant.field.source, variant.field.ceiling
     with clock.stage("humidity-field"):
         if isinstance(source, Turbulence):
-            cube = fields.generate(device, source, variant.precision, ceiling)
+            cube = fields.generate(device, source, variant.precision, ceiling, library)
         else:
             mean_g_m3, mean_k = variant.field.mean or (1.0, 0.0)
             cube = fields.load(device, source, mean_g_m3, mean_k, variant.precision, ceiling)
@@ -80,15 +81,17 @@ def find_lines(device: Device, variant: VariantPlan, clock: Clock) -> Lines:
     return Lines(ends, outgoing)
 
 
-def captures(device: Device, group: Group, cube: Field | None, lines: Lines, clock: Clock) -> Iterator[list[Capture]]:
-    """What the cameras of a group's variants capture, at one time after the other."""
+def captures(
+    device: Device, group: Group, cube: Field | None, lines: Lines, clock: Clock, tracer: Tracer | None = None
+) -> Iterator[list[Capture]]:
+    """What the cameras of a group's variants capture, at one time after the other; `tracer` stands in for the group's own."""
     with clock.stage("surrogate"):
         surrogates = _surrogates(group, cube)
     times = group.first.times_s
     for sample in [None] if times is None else times:
-        media = [None if cube is None else _medium(device, group.first, cube, way, sample) for way in _ways(lines)]
+        media = [None if cube is None else medium_of(device, group.first, cube, way, sample) for way in _ways(lines)]
         if group.first.isothermal:
-            yield list(_isothermal(device, group, surrogates, media, lines, clock))
+            yield list(isothermal(device, group, surrogates, media, lines, clock, tracer or _trace))
         else:
             yield [_emission(device, group, surrogates[0], [m for m in media if m is not None], lines, clock)]
 
@@ -97,8 +100,14 @@ def _ways(lines: Lines) -> list[Ends]:
     return [lines.camera] if lines.outgoing is None else [lines.camera, lines.outgoing]
 
 
-def _isothermal(
-    device: Device, group: Group, surrogates: list[Surrogate], media: list[Medium | None], lines: Lines, clock: Clock
+def isothermal(
+    device: Device,
+    group: Group,
+    surrogates: list[Surrogate],
+    media: list[Medium | None],
+    lines: Lines,
+    clock: Clock,
+    tracer: Tracer,
 ) -> Iterator[Capture]:
     """One trace for every variant, and a shading each."""
     guard = _guard(group, surrogates)
@@ -109,7 +118,8 @@ def _isothermal(
             ways.append(trace.straight(ends))
             continue
         with clock.stage(stage):
-            ways.append(_trace(device, group, ends, medium, moments, guard))
+            ways.append(tracer(device, group, ends, medium, moments, guard))
+            device.finish()
     paths = ways[0] if len(ways) == 1 else trace.there_and_back(device, *ways)
     for number, (variant, surrogate) in enumerate(zip(group.variants, surrogates, strict=True)):
         with clock.stage("shading"):
@@ -231,7 +241,7 @@ def _guard(group: Group, surrogates: list[Surrogate]) -> Guard | None:
     return Guard(tuple(thinnest[np.argmin(thinnest[:, 0])]), group.cutoff)
 
 
-def _medium(device: Device, variant: VariantPlan, cube: Field, ends: Ends, times_s: Array | None) -> Medium:
+def medium_of(device: Device, variant: VariantPlan, cube: Field, ends: Ends, times_s: Array | None) -> Medium:
     """The cube as the rays of one way cross it."""
     start = np.array(variant.needs.transmitter_m) if ends.outgoing else None
     world = world_frame(variant.geometry.frame, start)

@@ -13,6 +13,8 @@ if TYPE_CHECKING:
 
 PANEL_INCHES = 3.2
 DOTS_PER_INCH = 150
+DIVERGING = "RdBu_r"  # of differences, zero in the middle
+VARIANCE = "image_variance"  # an ensemble's layer
 STRETCH_PERCENT = (0.1, 99.9)  # of the pixels, between black and white
 
 
@@ -33,6 +35,8 @@ def picture(result: Result, path: Path) -> None:
 
     panels, heading = _panels(result)
     columns = result.figure_columns or math.ceil(math.sqrt(len(panels)))
+    if any(panel.colours == "magma" for panel in panels):
+        columns += columns % 2  # each mean beside its spread
     rows = math.ceil(len(panels) / columns)
     height, width = panels[0].values.shape
     tall = PANEL_INCHES * min(max(height / width, 0.3), 3.0) + 0.6
@@ -54,13 +58,15 @@ def _panels(result: Result) -> tuple[list[Panel], str]:
     found = []
     for name, image, words in shown:
         own = [word for word, same in zip(words, shared, strict=True) if not same]
-        found.append(
-            Panel("\n".join([name, *([", ".join(own)] if own else [])]), image.values, image.quantity, image.unit, "gray")
-        )
+        title = "\n".join([name, *([", ".join(own)] if own else [])])
+        found.append(Panel(title, image.values, image.quantity, image.unit, "gray"))
+        if VARIANCE in image.layers:
+            spread, title = np.sqrt(image.layers[VARIANCE].values), f"{name}\nspread over realisations"
+            found.append(Panel(title, spread, f"standard deviation of {image.quantity}", image.unit, "magma"))
     difference = result.image_difference()
     if difference is not None and result.difference is not None:
         title = " less ".join(result.difference)
-        found.append(Panel(title, difference, f"difference of {found[0].quantity}", found[0].unit, "RdBu_r"))
+        found.append(Panel(title, difference, f"difference of {found[0].quantity}", found[0].unit, DIVERGING))
     common = [word for word, same in zip(shown[0][2], shared, strict=True) if same]
     return found, ": ".join([result.scenario, *([", ".join(common)] if common else [])])
 
@@ -68,7 +74,7 @@ def _panels(result: Result) -> tuple[list[Panel], str]:
 def _draw(figure: Any, ax: Any, angles_mrad: tuple[Any, Any], panel: Panel) -> None:
     x, y = angles_mrad
     low, high = np.percentile(panel.values, STRETCH_PERCENT)
-    if panel.colours != "gray":
+    if panel.colours == DIVERGING:
         low, high = -max(-low, high), max(-low, high)
     if low == high:
         high = low + 1.0

@@ -32,7 +32,7 @@ def stages(plan: Plan, figure: bool = True) -> list[Stage]:
     absorbing = [v for v in variants if v.scene.atmosphere.model != "none"]
     return [
         _stage("surrogate", absorbing, _surrogate(plan), 'model = "none": air that absorbs nothing'),
-        _stage("humidity-field", cubes, f"{_count(len(cubes), 'cube')} for {_images(variants)}", _no_field(variants[0])),
+        _stage("humidity-field", cubes, _cubes(plan, len(cubes)), _no_field(variants[0])),
         _stage("temperature-field", warm, "temperature fluctuates too", "air temperature does not fluctuate"),
         _stage(
             "trace",
@@ -79,6 +79,11 @@ def _surrogate(plan: Plan) -> str:
     return f"{fitted}, error at most {plan.surrogate_error:.1e} of the mean absorption"
 
 
+def _cubes(plan: Plan, number: int) -> str:
+    times = f", {plan.realizations} times" if plan.realizations > 1 else ""
+    return f"{_count(number, 'cube')} for {_images(plan.variants)}{times}"
+
+
 def _thinned(groups: list[Group]) -> str:
     stride = max((group.stride for group in groups), default=1)
     return f"; every {stride}th ray both ways and the edges, the rest interpolated" if stride > 1 else ""
@@ -114,7 +119,7 @@ def voxel_segments(plan: Plan) -> int:
         checks = np.ceil((group.visible_m * per_metre + 1) / DEPTH_CHECKED_EVERY)
         voxels = np.minimum(voxels, checks * DEPTH_CHECKED_EVERY)
         total += float(np.mean(voxels)) * group.first.geometry.raster.rays * group.passes * _share_traced(group)
-    return round(total)
+    return round(total * plan.realizations)
 
 
 def _share_traced(group: Group) -> float:

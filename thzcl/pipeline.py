@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import platform
-from collections.abc import Mapping, Sequence
+import time
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -13,23 +15,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 import thzcl
-from thzcl import overview, plugins, scenario
+from thzcl import checks, overview, plugins, scenario
 from thzcl.clock import Clock, Progress
-from thzcl.geometry import FIRST_TARGET, ROTATIONS, camera_frame, directions
-from thzcl.plan import Plan, PlanError, VariantPlan, by_key, make_plan
+from thzcl.geometry import FIRST_TARGET, ROTATIONS
+from thzcl.plan import Plan, PlanError, VariantPlan, make_plan
 from thzcl.result import Cube, Result, VariantResult
-from thzcl.scenario import Document, ScenarioError, Trouble
-from thzcl.sensor import Echoes, Image, Layer, Radiances
+from thzcl.scenario import ScenarioError
+from thzcl.sensor import Echoes, Radiances
 
 if TYPE_CHECKING:
     from thzcl.absorption import Surrogate
     from thzcl.budget import Part
-    from thzcl.compute import Capture, Lines
     from thzcl.device import Device
+    from thzcl.exposure import Exposed, Known
     from thzcl.field import Field
 
 Sight = Radiances | Echoes
 Array = NDArray[np.float64]
+MANY = 20  # realisations
 PACKAGES = ("numpy", "scipy", "pyopencl", "reikna", "pluggy", "pydantic", "h5netcdf")
 
 
@@ -43,14 +46,6 @@ class Seen:
     notes: tuple[str, ...]
     segments: int
     errors: Mapping[str, Part]
-
-
-class NumbersError(Exception):
-    """A sensor failed, or a number is not finite; `result` keeps what was computed before."""
-
-    def __init__(self, text: str, result: Result) -> None:
-        super().__init__(text)
-        self.result = result
 
 
 def prepare(
@@ -71,7 +66,7 @@ def prepare(
         plan = make_plan(parsed, sensors)
     except PlanError as error:
         raise ScenarioError([str(error)]) from None
-    _check_together(document, plan)
+    checks.together(document, plan)
     return plan
 
 
@@ -99,159 +94,74 @@ def run(
         from thzcl.device import open_device
 
         opened = open_device(device)
-    _check_memory(plan, opened)
-    seen = _see(plan, opened, clock)
+    checks.memory(plan, opened)
+    lines: Known = {}
+    seen = _see(plan, opened, clock, lines)
     result = _result(plan, opened, seen, clock, figure)
-    images = []
+    if plan.realizations == 1:
+        return replace(result, variants=tuple(_images(plan, seen, result, 0)))
+    return _ensemble(plan, opened, seen, lines, result, clock)
+
+
+def _images(plan: Plan, seen: Mapping[str, Seen], result: Result, realization: int) -> Iterator[VariantResult]:
+    """Every variant as its sensor records it."""
     for number, variant in enumerate(plan.variants):
         sight = seen[variant.name].sight
-        _check_finite(variant, sight, result)
-        with clock.stage("sensor"):
-            image = _observe(variant, sight, np.random.Generator(np.random.Philox(key=[result.seed, number])), result)
-        images.append(VariantResult(variant.name, sight, image))
-    return replace(result, variants=tuple(images))
+        checks.finite(variant, sight, result)
+        key = [result.seed, realization * len(plan.variants) + number]
+        start = time.perf_counter()
+        image = checks.observe(variant, sight, np.random.Generator(np.random.Philox(key=key)), result)
+        result.seconds["sensor"] = result.seconds.get("sensor", 0.0) + time.perf_counter() - start
+        yield VariantResult(variant.name, sight, image)
 
 
-def _see(plan: Plan, device: Device, clock: Clock) -> dict[str, Seen]:
+def _ensemble(plan: Plan, device: Device, seen: dict[str, Seen], lines: Known, result: Result, clock: Clock) -> Result:
+    """The mean over independent realisations of the air, with variance and spread; `seen` is the first."""
+    from thzcl.ensemble import Ensemble, realization
+
+    kept, crossed = {variant.name: Ensemble() for variant in plan.variants}, 0
+    for number in range(plan.realizations):
+        clock.counted(number + 1, plan.realizations)
+        if number:
+            seen = _see(realization(plan, number), device, clock, lines, budget=False)
+        for taken in _images(plan, seen, result, number):
+            if taken.image is not None:
+                kept[taken.name].add(taken.sight, taken.image)
+        crossed += sum(one.segments for one in seen.values())
+    means = tuple(VariantResult(name, *ensemble.mean()) for name, ensemble in kept.items())
+    return replace(result, variants=means, voxel_segments=crossed)
+
+
+def _see(plan: Plan, device: Device, clock: Clock, lines: Known, *, budget: bool = True) -> dict[str, Seen]:
     """What every variant's camera sees, by name."""
     from thzcl import compute
-    from thzcl.develop import develop
+    from thzcl.exposure import expose
 
+    # With all cores SciPy transforms twice as fast; for a few cubes that does not make up for its import.
+    library = "scipy" if device.in_place and plan.realizations >= MANY else None
+    make = partial(compute.make_field, library=library)
     seen: dict[str, Seen] = {}
-    lines: dict[object, Any] = {}
-    for sharing in by_key(plan.groups, lambda group: (group.first.field, group.first.precision)).values():
-        cube = compute.make_field(device, sharing[0].first, clock)
-        for group in sharing:
-            key = group.first.rays_key
-            if key not in lines:
-                lines[key] = compute.find_lines(device, group.first, clock)
-            taken = list(zip(*compute.captures(device, group, cube, lines[key], clock), strict=True))
-            sights = [develop(of_one, clock) for of_one in taken]
-            first = [of_one[0] for of_one in taken]
-            errors = _measured(device, plan, cube, lines[key], first, sights, clock)
-            for of_one, sight in zip(taken, sights, strict=True):
-                variant = of_one[0].variant
-                kept = cube if variant.scene.output.save_field else None
-                segments = sum(capture.segments for capture in of_one)
-                notes = cube.notes if cube else ()
-                seen[variant.name] = Seen(sight, of_one[0].surrogate, kept, notes, segments, errors)
+    for exposed in expose(plan, device, clock, lines, make):
+        cube = exposed.cube
+        errors = _measured(device, plan, exposed, clock) if budget else {}
+        for of_one, sight in zip(exposed.captures, exposed.sights, strict=True):
+            variant = of_one[0].variant
+            kept = cube if variant.scene.output.save_field else None
+            segments = sum(capture.segments for capture in of_one)
+            notes = cube.notes if cube else ()
+            seen[variant.name] = Seen(sight, of_one[0].surrogate, kept, notes, segments, errors)
     return seen
 
 
-def _measured(
-    device: Device,
-    plan: Plan,
-    cube: Field | None,
-    lines: Lines,
-    captures: list[Capture],
-    sights: list[Sight],
-    clock: Clock,
-) -> Mapping[str, Part]:
+def _measured(device: Device, plan: Plan, exposed: Exposed, clock: Clock) -> Mapping[str, Part]:
     """The error budget of the variants that share a trace, where it is wanted."""
-    if not captures[0].variant.scene.numerics.error_budget:
+    first = [of_one[0] for of_one in exposed.captures]
+    if not first[0].variant.scene.numerics.error_budget:
         return {}
     from thzcl import budget
 
     with clock.stage("error-budget"):
-        return budget.measure(device, cube, lines, captures, sights, plan.scenario.seed)
-
-
-def _check_together(document: Document, plan: Plan) -> None:
-    """What the sensors ask of the scenes, and the variants of each other. Raises ScenarioError."""
-    troubles = []
-    first = plan.variants[0]
-    for variant in plan.variants:
-        scene = variant.scene
-        troubles += _transmitter_troubles(variant) if variant.needs.reflection else _temperature_troubles(scene)
-        if scene.camera.pixels != first.scene.camera.pixels:
-            text = "all variants must have the same pixels, to stand in one file; run them apart with --variant"
-            troubles.append(Trouble(("camera", "pixels"), text))
-        bands = [len(v.frequency_hz) if v.weights is None else len(v.weights) for v in (first, variant)]
-        if bands[0] != bands[1] or variant.needs.reflection != first.needs.reflection:
-            text = "all variants must be of one kind, with as many frequencies, to stand in one file; use --variant"
-            troubles.append(Trouble(("sensor",), text))
-    if troubles:
-        raise ScenarioError(document.problems(troubles))
-
-
-def _temperature_troubles(scene: scenario.Scene) -> list[Trouble]:
-    """A passive sensor sees the emission of everything: all must have temperatures."""
-    found = []
-    if scene.ground is not None and scene.ground.temperature_k is None:
-        found.append(Trouble(("ground", "temperature_k"), "missing; a passive sensor sees the ground's emission"))
-    for name, target in scene.targets.items():
-        if target.temperature_k is None and getattr(target, "quantity", "") != "temperature":
-            text = "missing; a passive sensor sees the target's emission"
-            found.append(Trouble(("targets", name, "temperature_k"), text))
-    return found
-
-
-def _transmitter_troubles(variant: VariantPlan) -> list[Trouble]:
-    """A transmitter stands in the open."""
-    place, found = variant.needs.transmitter_m, []
-    if place is None:
-        return []
-    if variant.scene.ground is not None and place[2] <= 0:
-        found.append(Trouble(("sensor",), f"the transmitter is at z = {place[2]:g} m, not above the ground; raise it"))
-    for name, target in variant.scene.targets.items():
-        if isinstance(target, scenario.Box) and target.holds(place):
-            found.append(Trouble(("sensor",), f'the transmitter stands inside the target "{name}"; move it'))
-    return found
-
-
-def _check_memory(plan: Plan, device: Device) -> None:
-    """Refuses what the device cannot hold, before anything is allocated. Raises ScenarioError."""
-    total, largest = overview.memory(plan)
-    advice = "lower grid, pixels, samples_per_pixel or the number of frequencies, or run variants apart with --variant"
-    if total > device.memory_bytes:
-        have = f"{device.info.name} has {device.memory_bytes / 2**30:.1f} GiB"
-        raise ScenarioError([f"{plan.scenario.name}: needs {total / 2**30:.1f} GiB, but {have}; {advice}"])
-    if largest > device.largest_buffer:
-        have = f"{device.info.name} allows {device.largest_buffer / 2**30:.1f} GiB"
-        raise ScenarioError([f"{plan.scenario.name}: needs one array of {largest / 2**30:.1f} GiB, but {have}; {advice}"])
-
-
-def _check_finite(variant: VariantPlan, sight: Sight, so_far: Result) -> None:
-    """No image with holes goes to a sensor. Raises NumbersError naming the first pixel that is not a number, and its ray."""
-    planes = [sight.optical_depth, sight.returned if isinstance(sight, Echoes) else sight.contrast]
-    if all(np.isfinite(plane.sum(dtype=np.float64)) or np.isfinite(plane).all() for plane in planes):
-        return
-    bad = ~np.all([np.isfinite(plane).all(axis=0) for plane in planes], axis=0)
-    row, column = (int(n) for n in np.argwhere(bad)[0])
-    rows, columns = bad.shape
-    middle = replace(variant.geometry, raster=replace(variant.geometry.raster, rows=rows, columns=columns, margin=0))
-    frame = camera_frame(variant.scene.camera, middle.raster)
-    x, y, z = directions(replace(middle, frame=frame), np.array([row]), np.array([column]))[0]
-    a, b, c = variant.scene.camera.position_m
-    raise NumbersError(
-        f"{variant.name}: {int(bad.sum())} pixels are not finite numbers; the first is row {row}, column {column}, whose ray "
-        f"runs from ({a:g}, {b:g}, {c:g}) m along ({x:.6g}, {y:.6g}, {z:.6g}); please report the scene",
-        so_far,
-    )
-
-
-def _observe(variant: VariantPlan, sight: Sight, rng: np.random.Generator, so_far: Result) -> Image:
-    """The sensor's image, checked. Raises NumbersError naming the plugin, the radiances kept."""
-
-    def failed(reason: str) -> NumbersError:
-        return NumbersError(f"{plugins.describe(variant.scene.sensor.kind)}, {variant.name}: {reason}", so_far)
-
-    try:
-        image = variant.sensor.observe(sight, rng)
-    except (Exception, SystemExit) as error:  # whatever a stranger's sensor raises
-        raise failed(f"{type(error).__name__}: {error}") from error
-    if not isinstance(image, Image) or not all(isinstance(layer, Layer) for layer in image.layers.values()):
-        raise failed(f"returned {type(image).__name__} instead of an Image, and of Layers")
-    shape = sight.target.shape
-    planes = {"image": image.values} | {name: layer.values for name, layer in image.layers.items()}
-    for name, values in planes.items():
-        if np.shape(values) != shape:
-            raise failed(f"returned {name} of shape {np.shape(values)}; the image has {shape}")
-        if np.asarray(values).dtype.kind not in "fiub":
-            raise failed(f"returned {name} whose values are not numbers")
-        if not np.isfinite(values).all():
-            raise failed(f"returned {name} with values that are not finite")
-    return image
+        return budget.measure(device, exposed.cube, exposed.lines, first, exposed.sights, plan.scenario.seed)
 
 
 def _result(plan: Plan, device: Device, seen: Mapping[str, Seen], clock: Clock, figure: bool) -> Result:

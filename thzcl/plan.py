@@ -212,6 +212,11 @@ class Plan:
         return [Group(tuple(some)) for some in by_key(self.variants, lambda variant: variant.path_key).values()]
 
     @property
+    def realizations(self) -> int:
+        """Independent realisations of the air, of which the mean image is wanted."""
+        return self.variants[0].scene.numerics.realizations
+
+    @property
     def frequency_hz(self) -> Array:
         """Every frequency of every variant."""
         return np.unique(np.concatenate([variant.frequency_hz for variant in self.variants]))

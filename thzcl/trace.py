@@ -204,6 +204,17 @@ def trace(
     return Paths(path_length, surface, ends.blend, out, int(segments.host().sum(dtype=np.int64)))
 
 
+def trace_steps(device: Device, ends: Ends, medium: Medium, moments: int, step_m: float, precision: str) -> Paths:
+    """The same by equal steps, each of the voxel that holds its middle: for comparison. No segments are counted."""
+    program = device.build(("camera", "steps"), precision, [f"MOMENTS={moments}"])
+    out = device.empty((moments, ends.rays), precision)
+    step = np.dtype(precision).type(step_m)
+    program.run(
+        "steps", ends.rays // device.lanes(precision), medium.delta, *_placed(device, ends, medium, ends.followed), step, out
+    )
+    return Paths(ends.path_length, ends.surface, ends.blend, out, 0)
+
+
 def straight(ends: Ends) -> Paths:
     """Paths through uniform air: their length is all that counts."""
     return Paths(ends.path_length, ends.surface, ends.blend, None, 0)

@@ -212,6 +212,9 @@ class Numerics(Table):
     tolerance: float | None = key(
         None, ge=1e-9, le=0.1, help="bearable error, relative to the image's largest contrast; picks whatever is not given"
     )
+    realizations: int = key(
+        1, ge=1, le=1_000_000, help="independent realisations of the air; the image is their mean, with variance and spread"
+    )
     error_budget: bool = key(True, help="follow some rays again without any shortcut, to measure the errors made")
 
 
