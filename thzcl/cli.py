@@ -238,6 +238,38 @@ def _print_records(rows: list[dict[str, float]], how: TableFormat) -> None:
 
 
 @app.command()
+def convergence(
+    scenario: Source,
+    output: Annotated[Path, typer.Option("-o", "--output", metavar="DIR", help="folder for the files")] = Path(),
+    knobs: Annotated[str, typer.Option(metavar="A,B,...", help="only these knobs; all that make a difference if absent")] = "",
+    repeat: Annotated[int, typer.Option(min=1, metavar="N", help="timed runs of each setting, of which the median counts")] = 5,
+    settings: Settings = None,
+    variant: Variants = None,
+    device: DeviceChoice = None,
+    allow_outside: AllowOutside = False,
+    how: HowToTabulate = TableFormat.table,
+) -> None:
+    """Error against run time for every knob: DIR/<scenario>-convergence.png, .csv and .json. Interrupted, it goes on later."""
+    from thzcl import printing
+    from thzcl.convergence import study
+    from thzcl.convergence.subject import Subject
+    from thzcl.device import open_device
+    from thzcl.files import make_folder
+
+    subject = Subject(scenario, _changes(settings), variant or (), open_device(device), allow_outside)
+    wanted = [name.strip() for name in knobs.split(",") if name.strip()]
+    make_folder(output)
+    with printing.progress(quiet=False) as progress:
+        found = study(subject, output, wanted, repeat, progress)
+    if how is TableFormat.json:
+        print(json.dumps(found, indent=2))
+    elif how is TableFormat.csv:
+        print(Path(found["files"][1]).read_text(encoding="utf-8"), end="")
+    else:
+        printing.convergence(found)
+
+
+@app.command()
 def sensors(
     name: Annotated[Optional[str], typer.Argument(metavar="[NAME]", help="a sensor, for its manual page")] = None,
 ) -> None:

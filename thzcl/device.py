@@ -242,14 +242,17 @@ class Device:
             part.replace(cached)
         return program
 
+    def usual_library(self, grid: int) -> str:
+        """The fastest for one cube: reikna on anything but a CPU, there NumPy, and from 256 cubed on SciPy with all cores."""
+        return "reikna" if not self.in_place else "scipy" if grid >= SCIPY_FROM else "numpy"
+
     def inverse_transform(self, spectrum: Buffer, grid: int, library: str | None = None) -> Buffer:
         """Inverse Fourier transform of a cube, normalised by 1 / grid^3.
 
         A half spectrum (grid, grid, grid/2 + 1) gives a real cube; a full one gives a complex cube, in place. `library` is
-        "numpy", "scipy" or "reikna" (full spectra only); by default the fastest: reikna on anything but a CPU, there NumPy,
-        and from 256 cubed on SciPy with all cores.
+        "numpy", "scipy" or "reikna" (full spectra only); by default the usual one.
         """
-        library = library or ("reikna" if not self.in_place else "scipy" if grid >= SCIPY_FROM else "numpy")
+        library = library or self.usual_library(grid)
         if library == "reikna":
             from reikna.cluda import ocl_api
             from reikna.fft import FFT

@@ -105,3 +105,25 @@ def plan(found: dict[str, Any]) -> None:
     print(f"memory at the peak: about {found['memory_bytes'] / 2**20:,.0f} MiB")
     for warning in found["warnings"]:
         print(f"note: {warning}")
+
+
+def convergence(found: dict[str, Any]) -> None:
+    """Prints a study of error against run time."""
+    rows = [
+        [
+            point["knob"],
+            point["setting"] + (" (default)" if point["default"] else ""),
+            f"{1e3 * point['seconds']:.3g}",
+            f"{point['error_rms']:.2g}",
+            f"{point['error_max']:.2g}",
+            "front" if point["on_front"] else "",
+        ]
+        for point in found["points"]
+    ]
+    columns = ["knob", "setting", "time / ms", "rms error / contrast", "largest / contrast", ""]
+    table(f"{found['scenario']}: error against run time", columns, rows)
+    shares = [[knob, f"{ratio:.2f}"] for knob, ratio in found["default_over_front"].items()]
+    table("", ["knob", "default's time over the front's"], shares)
+    table("", ["left out", "why"], [[item["knob"], item["reason"]] for item in found["left_out"]])
+    for file in found["files"]:
+        print(f"wrote {file}")

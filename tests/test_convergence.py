@@ -1,0 +1,125 @@
+"""The study of error against run time: known orders of convergence, resuming, output."""
+
+from __future__ import annotations
+
+import csv
+import json
+
+import numpy as np
+import pytest
+from scenes import scene, write
+
+from thzcl.convergence import Point, study
+from thzcl.convergence.knobs import KNOBS
+from thzcl.convergence.study import default_over_front, front
+from thzcl.convergence.subject import Subject, errors
+from thzcl.device import open_device
+from thzcl.scenario import ScenarioError
+
+BAND = {"kind": "passive-broadband", "center_ghz": 650.0, "bandwidth_ghz": 60.0}
+
+
+def studied(folder, data, knobs, repeat=1, progress=lambda _: None):
+    subject = Subject(write(folder, data), {}, (), open_device())
+    return study(subject, folder, knobs, repeat, progress)
+
+
+def by_setting(found, knob):
+    return {p["setting"]: p["error_rms"] for p in found["points"] if p["knob"] == knob}
+
+
+def test_errors_fall_as_theory_has_it(tmp_path):
+    """Steps: first order, since voxels have edges; a table: second order; polynomials: below rounding from degree 4 on."""
+    found = studied(tmp_path, scene(camera__pixels=[48, 36]), ["march", "table", "surrogate", "arithmetic"])
+    steps = np.array(list(by_setting(found, "march").values())[:6])
+    order = np.polyfit(np.log([2, 1, 0.5, 0.25, 0.125, 0.0625]), np.log(steps), 1)[0]
+    assert 0.7 < order < 1.6
+    tables = np.array(list(by_setting(found, "table").values())[:4])
+    assert np.polyfit(np.log([10, 5, 2, 1]), np.log(tables), 1)[0] == pytest.approx(2.0, abs=0.35)
+    assert by_setting(found, "march")["exact segments"] < 1e-3 * steps.min()
+    degrees = by_setting(found, "surrogate")
+    assert degrees["degree 1"] > 100 * degrees["degree 2"] > 1e-7
+    assert max(degrees[f"degree {k}"] for k in range(4, 9)) < 2e-7
+    precision = by_setting(found, "arithmetic")
+    assert precision["float64"] < 1e-11 < precision["float32"] < 5e-7
+
+
+def test_all_other_knobs(tmp_path):
+    """Fewer rays, fewer samples, larger voxels and an earlier end cost accuracy; the FFT's library does not."""
+    data = scene(camera__pixels=[48, 36], atmosphere__relative_humidity_percent=100.0, background__max_range_m=400.0)
+    found = studied(tmp_path, data, ["stride", "samples", "voxel", "cutoff", "fft"])
+    strides = by_setting(found, "stride")
+    assert strides["every ray"] < 1e-6 < strides["every 2th ray"] < strides["every 8th ray"]
+    samples = list(by_setting(found, "samples").values())
+    assert samples[0] > samples[1] > samples[2] > 1e-4
+    voxels = list(by_setting(found, "voxel").values())
+    assert voxels[0] > voxels[1] > 1e-6
+    depths = list(by_setting(found, "cutoff").values())
+    assert depths[0] > depths[1] > depths[-1]
+    assert depths[-1] < 1e-6
+    assert max(by_setting(found, "fft").values()) < 2e-5
+
+
+def test_quadratures(tmp_path):
+    data = scene(sensor=BAND, camera__pixels=[8, 6])
+    found = by_setting(studied(tmp_path, data, ["quadrature"]), "quadrature")
+    assert found["paper, edges"] > 0.01 > found["resolved to 1e-2"] > found["resolved to 1e-5"]
+    assert found["resolved to 1e-5"] < 1e-5
+
+
+def test_knobs_without_meaning_are_left_out_with_reasons(tmp_path):
+    found = studied(tmp_path, scene(atmosphere__fluctuations=None), ["voxel", "march", "quadrature", "table", "arithmetic"])
+    assert {item["knob"] for item in found["left_out"]} == {"voxel", "march", "quadrature", "table"}
+    assert {point["knob"] for point in found["points"]} == {"arithmetic"}
+    with pytest.raises(ScenarioError, match="there is no colour; choose among arithmetic"):
+        studied(tmp_path, scene(), ["colour"])
+
+
+def test_an_interrupted_study_goes_on(tmp_path):
+    """What was measured stays as it was, to the last digit of its time; the rest is added."""
+    told = []
+
+    def interrupt(text):
+        told.append(text)
+        if len(told) == 4:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        studied(tmp_path, scene(), ["surrogate"], progress=interrupt)
+    kept = json.loads((tmp_path / "scene-convergence.json").read_text())["points"]
+    assert [point["setting"] for point in kept] == ["degree 1", "degree 2", "degree 3"]
+    later = []
+    found = studied(tmp_path, scene(), ["surrogate"], progress=later.append)
+    assert [p["seconds"] for p in found["points"][:3]] == [p["seconds"] for p in kept]
+    assert len(found["points"]) == 8
+    assert len(later) == 5
+    changed = []
+    studied(tmp_path, scene(ground__temperature_k=280.0), ["surrogate"], progress=changed.append)
+    assert len(changed) == 8  # another scene: nothing of the first holds
+
+
+def test_the_front_and_the_default_on_it():
+    points = [
+        Point("k", "slow, exact", False, 3.0, 1e-6, 1e-5),
+        Point("k", "beaten", True, 3.2, 1e-3, 1e-2),
+        Point("k", "fast", False, 1.0, 1e-3, 1e-2),
+        Point("other", "slower still", True, 9.0, 1e-2, 1e-1),
+    ]
+    assert [point.on_front for point in front(points)] == [True, False, True, True]
+    assert default_over_front(points) == pytest.approx({"k": 3.2, "other": 1.0})
+
+
+def test_errors_are_of_the_worst_variant():
+    exact = {"a": np.ones((1, 2, 2)), "b": 2 * np.ones((1, 2, 2))}
+    found = {"a": exact["a"] + 0.1, "b": exact["b"] + np.array([[[0, 0], [0, 0.8]]])}
+    assert errors(found, exact) == pytest.approx((0.2, 0.4))
+
+
+def test_the_command(thzcl_json, tmp_path):
+    file = write(tmp_path, scene(camera__pixels=[8, 6]))
+    found = thzcl_json("convergence", file, "-o", tmp_path, "--knobs", "arithmetic,march", "--repeat", "1")
+    assert set(found["points"][0]) >= {"knob", "setting", "seconds", "error_rms", "error_max", "on_front"}
+    assert set(KNOBS) > {point["knob"] for point in found["points"]}
+    with (tmp_path / "scene-convergence.csv").open(newline="") as file_:
+        assert len(list(csv.DictReader(file_))) == len(found["points"])
+    assert (tmp_path / "scene-convergence.png").stat().st_size > 10_000
