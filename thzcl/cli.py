@@ -154,10 +154,12 @@ def run(
             progress("figure")
             files.append(result.figure(output / f"{files[0].stem}.png"))
             result.seconds["figure"] = time.perf_counter() - start - result.seconds["file"]
+    if quiet and how is Format.text:
+        return
     found = result.summary() | {"files": [str(file) for file in files]}
     if how is Format.json:
         print(json.dumps(found, indent=2))
-    elif not quiet:
+    else:
         printing.summary(found)
 
 

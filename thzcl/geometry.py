@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import NamedTuple
 
@@ -59,7 +60,7 @@ class Raster:
         return (self.rows - 2 * self.margin) // self.block[0], (self.columns - 2 * self.margin) // self.block[1]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Geometry:
     """What the kernels know of the scene: rays, and the surfaces that they can meet.
 
@@ -80,11 +81,17 @@ class Geometry:
     texels: Array
     max_range_m: float
 
-    @property
+    @cached_property
     def key(self) -> tuple[object, ...]:
-        """Equal for geometries that the same rays can serve."""
+        """Equal for geometries that the same rays can serve: they are equal."""
         arrays = (self.frame, self.boxes, self.stripes, self.billboards, self.textures, self.texels)
         return (self.raster, self.ground, self.max_range_m, *(array.tobytes() for array in arrays))
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Geometry) and self.key == other.key
+
+    def __hash__(self) -> int:
+        return hash(self.key)
 
 
 def raster(camera: Camera) -> Raster:

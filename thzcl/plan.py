@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import TypeVar
 
@@ -302,8 +302,9 @@ def pixel_angles(scene: Scene) -> tuple[float, float]:
     return width, height
 
 
+@lru_cache(maxsize=16)  # variants often have their geometry in common
 def sample_rays(shape: Geometry) -> Rays:
-    """A few thousand rays."""
+    """A few thousand rays; variants that have them in common ask once."""
     rows, columns = (np.unique(np.linspace(0, n - 1, 64).astype(np.int64)) for n in (shape.raster.rows, shape.raster.columns))
     direction = geometry.directions(shape, np.repeat(rows, len(columns)), np.tile(columns, len(rows)))
     norm = np.linalg.norm(direction, axis=1)

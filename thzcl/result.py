@@ -158,24 +158,31 @@ class Result:
         An active sensor has no contrast in kelvin; its depth and transmission are those of the way out and back.
         """
         sight = variant.sight
-        table: dict[str, dict[str, float | None]] = {}
-        for flag, name in enumerate(self.targets):
-            here = sight.target == flag
-            if not here.any():
-                continue
-            depth = sight.optical_depth[:, here].astype(np.float64)
-            mean = spread = None
-            if isinstance(sight, Radiances):
-                contrast = sight.brightness_temperature_contrast[:, here]
-                mean, spread = float(contrast.mean()), float(contrast.mean(axis=0).std())
-            table[name] = {
-                "pixels": int(here.sum()),
-                "mean_contrast_k": mean,
-                "std_k": spread,
-                "optical_depth": float(depth.mean()),
-                "transmission": float(np.exp(-depth).mean()),
+        flags = sight.target.ravel().astype(np.intp)
+        pixels = np.bincount(flags, minlength=len(self.targets))
+        seen = np.maximum(pixels, 1)
+
+        def means(plane: Array) -> Array:
+            return np.asarray(np.bincount(flags, weights=plane.ravel(), minlength=len(self.targets)) / seen)
+
+        depth = means(sight.optical_depth.mean(axis=0))
+        passed = means(np.exp(-sight.optical_depth).mean(axis=0))
+        contrast = spread = None
+        if isinstance(sight, Radiances):
+            above = sight.brightness_temperature_contrast.mean(axis=0).ravel()
+            contrast = means(above)
+            spread = np.sqrt(means((above - contrast[flags]) ** 2))
+        return {
+            name: {
+                "pixels": int(pixels[flag]),
+                "mean_contrast_k": None if contrast is None else float(contrast[flag]),
+                "std_k": None if spread is None else float(spread[flag]),
+                "optical_depth": float(depth[flag]),
+                "transmission": float(passed[flag]),
             }
-        return table
+            for flag, name in enumerate(self.targets)
+            if pixels[flag]
+        }
 
     def _repr_html_(self) -> str:
         """A short table for notebooks."""
@@ -210,7 +217,9 @@ class Result:
             "optical_depth": _spectral([s.optical_depth for s in sights], "1", _depth_name(sights[0])),
             "path_length": _shared([s.path_length for s in sights], {"units": "m", "long_name": "length of the ray"}),
             "target": _shared([s.target for s in sights], self._flags()),
-            **_images([v.image for v in self.variants if v.image is not None], len(self.variants)),
+            **_images(
+                [v.image for v in self.variants if v.image is not None], len(self.variants), sights[0].optical_depth.dtype
+            ),
         }
         difference = self.image_difference()
         if difference is not None and self.difference is not None:
@@ -278,7 +287,7 @@ def _radiometric(passive: list[Radiances]) -> dict[str, Variable]:
 
 
 def _spectral(values: list[Array], units: str, name: str, kind: Any = None) -> Variable:
-    stored = np.stack([np.asarray(v, dtype=kind or v.dtype) for v in values])
+    stored = np.stack(values, dtype=kind, casting="same_kind")
     attrs = {"units": units, "long_name": name, "coordinates": "y_angle x_angle"}
     return Variable(("variant", *SPECTRAL), stored, attrs)
 
@@ -290,13 +299,18 @@ def _shared(values: list[Array], attrs: Mapping[str, Any], dims: tuple[str, ...]
     return Variable(("variant", *dims), np.stack(values), dict(attrs))
 
 
-def _images(images: list[Image], variants: int) -> dict[str, Variable]:
+def _images(images: list[Image], variants: int, kind: Any) -> dict[str, Variable]:
     """The sensor's image and further layers, where every variant has them."""
     if len(images) != variants:
         return {}
     attrs = {"units": images[0].unit, "long_name": images[0].quantity, "coordinates": "y_angle x_angle"}
-    found = {"image": Variable(("variant", *PLANE), np.stack([image.values for image in images]), attrs)}
+    found = {"image": Variable(("variant", *PLANE), _stacked([image.values for image in images], kind), attrs)}
     for name, layer in images[0].layers.items():
         attrs = {"units": layer.unit, "long_name": layer.quantity, "coordinates": "y_angle x_angle"}
-        found[name] = Variable(("variant", *PLANE), np.stack([image.layers[name].values for image in images]), attrs)
+        found[name] = Variable(("variant", *PLANE), _stacked([image.layers[name].values for image in images], kind), attrs)
     return found
+
+
+def _stacked(values: list[Array], kind: Any) -> Array:
+    """Planes of real numbers at the precision of the arithmetic; others as they are."""
+    return np.stack(values, dtype=kind if np.asarray(values[0]).dtype.kind == "f" else None, casting="same_kind")

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -68,7 +69,16 @@ def fit(
     `humidity_span` bounds delta, `temperature_span` the departure from the mean in kelvin. `moments` fixes the degree in
     delta. Past degree 16 the fit is returned with the error it has: the caller reports it.
     """
-    spans, scale = (possible(air, humidity_span), temperature_span), _scale(air, frequency_hz)
+    spans = (possible(air, humidity_span), temperature_span)
+    return _fitted(air, tuple(np.asarray(frequency_hz, dtype=np.float64).tolist()), spans, tolerance, moments)
+
+
+@lru_cache(maxsize=32)  # variants often have their air in common
+def _fitted(
+    air: Air, frequencies: tuple[float, ...], spans: tuple[Span, Span], tolerance: float, moments: int | None
+) -> Surrogate:
+    frequency_hz = np.array(frequencies)
+    scale = _scale(air, frequency_hz)
     series = chebyshev_series(lambda d, t: air.absorption(frequency_hz[:, None, None], d, t) / scale, *spans)
     values = np.einsum("nk,mj,fkj->fnm", _chebyshev(series.shape[1]), _chebyshev(series.shape[2]), series, optimize=True)
     degrees = _degrees(values, series, tolerance, moments)
