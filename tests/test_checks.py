@@ -1,0 +1,57 @@
+"""No silent NaN: a number that is none ends the run with its pixel and ray, and what was computed is kept."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import oracle
+import pytest
+from scenes import run, scene
+
+from thzcl import exposure
+from thzcl.checks import NumbersError
+
+ACTIVE = {"kind": "active", "frequency_ghz": 650.0, "dynamic_range_db": 80.0}
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
+@pytest.mark.parametrize(("sensor", "plane"), [(None, "contrast"), (None, "optical_depth"), (ACTIVE, "returned")])
+def test_a_number_that_is_none_ends_the_run(tmp_path, monkeypatch, value, sensor, plane):
+    """Of two bad pixels the first is named, with the direction of its ray as the oracle has it."""
+    healthy = exposure.develop
+
+    def spoilt(captures, clock):
+        sight = healthy(captures, clock)
+        values = np.array(getattr(sight, plane))
+        values[0, 7, 3] = values[0, 9, 1] = value
+        return replace(sight, **{plane: values})
+
+    monkeypatch.setattr(exposure, "develop", spoilt)
+    data = scene(numerics={"error_budget": False}, **({"sensor": sensor} if sensor else {}))
+    with pytest.raises(NumbersError, match="2 pixels are not finite numbers; the first is row 7, column 3") as caught:
+        run(tmp_path, data)
+    camera = data["camera"]
+    lens = oracle.Camera(
+        camera["position_m"], camera["look_at_m"], camera["focal_length_mm"], camera["focal_plane_mm"], camera["pixels"]
+    )
+    told = np.array([float(number) for number in str(caught.value).split("along (")[1].split(")")[0].split(",")])
+    assert told / np.linalg.norm(told) == pytest.approx(lens.ray(7, 3), abs=1e-5)
+    kept = caught.value.result
+    assert kept.variants[0].image is None
+    assert kept.save(tmp_path / "kept.nc").stat().st_size > 0
+
+
+def test_depths_beyond_every_exponential_are_numbers(tmp_path):
+    """A saturated line through a kilometre: thousands of depths, and no NaN from them."""
+    data = scene(
+        sensor={"kind": "passive-spectral", "frequency_ghz": 556.936},
+        background__max_range_m=1e5,
+        numerics={"cutoff_depth": 1e6},
+        ground=None,
+        targets=None,
+        atmosphere__fluctuations__voxel_m=50.0,
+    )
+    sight = run(tmp_path, data).variants[0].radiances
+    assert sight.optical_depth.min() > 1e4
+    assert np.all(sight.contrast == 0)
