@@ -72,8 +72,9 @@ def fit(
     `humidity_span` bounds delta, `temperature_span` the departure from the mean in kelvin. `moments` fixes the degree in
     delta. Past degree 16 the fit is returned with the error it has: the caller reports it.
     """
-    low, high = max(humidity_span[0], -1.0), min(humidity_span[1], air.most_vapour)
-    if air.absolute_humidity_g_m3 == 0 or air.model == "none" or low >= high:
+    high = min(humidity_span[1], air.most_vapour)
+    low = min(max(humidity_span[0], -1.0), high)
+    if air.absolute_humidity_g_m3 == 0 or air.model == "none":
         low = high = 0.0
     spans = ((low, high), temperature_span)
     nodes_d, nodes_t = (_nodes(span) for span in spans)
