@@ -114,7 +114,7 @@ def isothermal(
     moments = max(surrogate.moments for surrogate in surrogates)
     ways = []
     for stage, ends, medium in zip(("trace", "outgoing-path"), _ways(lines), media, strict=False):
-        if medium is None:
+        if medium is None or not moments:  # air that might as well be uniform
             ways.append(trace.straight(ends))
             continue
         with clock.stage(stage):

@@ -104,8 +104,10 @@ def _measured(surrogate: Surrogate, scale: Array) -> float:
 
 def possible(air: Air, humidity_span: Span) -> Span:
     """A span of delta limited to what this air can be: between dry, and vapour alone."""
-    low, high = max(humidity_span[0], -1.0), min(humidity_span[1], air.most_vapour)
-    return NOWHERE if air.absolute_humidity_g_m3 == 0 or air.model == "none" or low >= high else (low, high)
+    if air.absolute_humidity_g_m3 == 0 or air.model == "none":
+        return NOWHERE
+    high = min(humidity_span[1], air.most_vapour)
+    return min(max(humidity_span[0], -1.0), high), high
 
 
 def chebyshev_series(absorption: Callable[[Array, Array], Array], humidity_span: Span, temperature_span: Span) -> Array:
