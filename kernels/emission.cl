@@ -2,25 +2,8 @@
 // carried from the camera outwards, at FREQUENCIES frequencies at once. Emission is exact per voxel at any depth: a voxel
 // adds (1 - exp(-K ds)) of its own Planck radiance, taken as difference from the mean air's.
 //
-// Options: FREQUENCIES; HUMIDITY_POWERS, TEMPERATURE_POWERS and PLANCK_POWERS, numbers of coefficients; CUTOFF as in trace.cl.
-
-// exp(-x), and in `lost` 1 - exp(-x), for x >= 0, each with a relative error below 2e-7 (float32): by reduction to
-// |r| <= ln(2)/2, where the Taylor series of expm1 converges at once. The library's expm1 costs a multiple.
-static inline reals attenuate(reals x, reals *lost)
-{
-#if PRECISION == 64
-    *lost = -expm1(-x);
-    return exp(-x);
-#else
-    const reals capped = SMALLER(x, (reals)80.0f);
-    const reals n = rint(capped * 1.44269504f);
-    const reals r = (n * 0.693145752f - capped) + n * 1.42860677e-6f;   // ln 2 in two parts
-    const reals series = r * (1.0f + r * (0.5f + r * (0.166666672f + r * (0.0416666679f + r * (8.33333377e-3f + r * (1.38888892e-3f + r * 1.98412701e-4f))))));
-    const reals scale = VECTOR(as_float)((127 - VECTOR(convert_int)(n)) << 23);   // 2^-n
-    *lost = (1.0f - scale) - scale * series;
-    return scale + scale * series;
-#endif
-}
+// Options: FREQUENCIES; HUMIDITY_POWERS, TEMPERATURE_POWERS and PLANCK_POWERS, numbers of coefficients; COUNTS, how many
+// temperature powers matter with each humidity power; CUTOFF as in trace.cl.
 
 static inline reals polynomial(__constant const real *c, int count, reals x)
 {
@@ -42,6 +25,7 @@ __kernel void emission(__global const real *restrict delta, __global const real 
 {
     const int packet = get_global_id(0), first_ray = packet * LANES, padded = get_global_size(0) * LANES;
     march ray = march_start(cube, width, height, log2n, reach, end, time, stretch, picked, count, first_ray);
+    const int counts[] = {COUNTS};
     reals depth[FREQUENCIES], rest[FREQUENCIES], contrast[FREQUENCIES], transmission[FREQUENCIES];
     for (int f = 0; f < FREQUENCIES; ++f) {
         depth[f] = rest[f] = contrast[f] = 0;
@@ -58,12 +42,12 @@ __kernel void emission(__global const real *restrict delta, __global const real 
         const reals d = GATHER(delta, voxel), t = GATHER(offset, voxel);
         for (int f = 0; f < FREQUENCIES; ++f) {
             __constant const real *c = coefficients + f * HUMIDITY_POWERS * TEMPERATURE_POWERS;
-            reals absorption = polynomial(c + (HUMIDITY_POWERS - 1) * TEMPERATURE_POWERS, TEMPERATURE_POWERS, t);
+            reals absorption = polynomial(c + (HUMIDITY_POWERS - 1) * TEMPERATURE_POWERS, counts[HUMIDITY_POWERS - 1], t);
             for (int k = HUMIDITY_POWERS - 2; k >= 0; --k)
-                absorption = absorption * d + polynomial(c + k * TEMPERATURE_POWERS, TEMPERATURE_POWERS, t);
+                absorption = absorption * d + polynomial(c + k * TEMPERATURE_POWERS, counts[k], t);
             const reals tau = absorption > 0 ? absorption * length : (reals)0;
             reals lost;
-            const reals passed = attenuate(tau, &lost);
+            const reals passed = attenuate_thin(tau, &lost);
             contrast[f] += transmission[f] * lost * polynomial(planck + f * PLANCK_POWERS, PLANCK_POWERS, t);
             transmission[f] *= passed;
             // Summed as Kahan (1965) does: plain float32 goes astray by 3e-6 over ten thousand voxels.

@@ -4,10 +4,10 @@
 // Options: MOMENTS; BANDS, the number of bands, where only sums over frequency are wanted.
 
 // Optical depth at one frequency; `c` holds MOMENTS + 1 coefficients per metre.
-static inline reals optical_depth(__constant real *c, reals length, __global const real *moments, int padded)
+static inline reals depth_of(__constant real *c, reals length, const reals *moments)
 {
     reals tau = c[0] * length;
-    for (int k = 0; k < MOMENTS; ++k) tau += c[k + 1] * LOAD(moments + k * padded);
+    for (int k = 0; k < MOMENTS; ++k) tau += c[k + 1] * moments[k];
     return tau;
 }
 
@@ -20,8 +20,10 @@ __kernel void shade(__global const real *restrict path_length, __global const re
 {
     const int first_ray = get_global_id(0) * LANES, padded = get_global_size(0) * LANES;
     const reals length = LOAD(path_length + first_ray);
+    reals m[MOMENTS + 1];
+    for (int k = 0; k < MOMENTS; ++k) m[k] = LOAD(moments + first_ray + k * padded);
     for (int f = 0; f < frequencies; ++f) {
-        const reals tau = optical_depth(coefficients + f * (MOMENTS + 1), length, moments + first_ray, padded);
+        const reals tau = depth_of(coefficients + f * (MOMENTS + 1), length, m);
         const reals source = surface_value(emitted, surface, blend, first_ray, frequencies, f);
         STORE(tau, depth + f * padded + first_ray);
         STORE(source * exp(-tau), contrast + f * padded + first_ray);
@@ -29,28 +31,45 @@ __kernel void shade(__global const real *restrict path_length, __global const re
 }
 
 #ifdef BANDS
-// The same, summed over frequency with weights, without ever storing a spectrum: transmission and contrast of each band,
-// both (band, ray). `weights` (band, frequency) sum to 1; `emitted` (band, surface, frequency) has them multiplied in.
+// Whether all rays of a packet see the same thing, as most do: then one value serves them.
+static inline int all_alike(__global const int *surface, int first_ray)
+{
+#ifdef BILLBOARDS
+    return 0;
+#else
+    int alike = 1;
+    for (int lane = 1; lane < LANES; ++lane) alike &= surface[first_ray + lane] == surface[first_ray];
+    return alike;
+#endif
+}
+
+// The same as `shade`, summed over frequency with weights, without ever storing a spectrum: depth of the mean transmission and
+// contrast of each band, both (band, ray). `weights` (band, frequency) sum to 1; `emitted` (band, surface, frequency) has its
+// own multiplied in. Sums are taken relative to the depth at `thinnest`, each band's least absorbing frequency: what they leave
+// and what they lose then both keep their digits, in air of any depth.
 __kernel void shade_bands(__global const real *restrict path_length, __global const real *restrict moments,
                           __global const int *restrict surface, __global const real *restrict blend,
                           __constant real *coefficients, __constant real *weights, __global const real *restrict emitted,
-                          int frequencies, int surfaces, __global real *restrict transmission,
+                          int frequencies, int surfaces, __constant int *thinnest, __global real *restrict depth,
                           __global real *restrict contrast)
 {
     const int first_ray = get_global_id(0) * LANES, padded = get_global_size(0) * LANES;
+    const int alike = all_alike(surface, first_ray);
     const reals length = LOAD(path_length + first_ray);
-    reals passed[BANDS], above[BANDS];
-    for (int b = 0; b < BANDS; ++b) passed[b] = above[b] = 0;
-    for (int f = 0; f < frequencies; ++f) {
-        const reals e = exp(-optical_depth(coefficients + f * (MOMENTS + 1), length, moments + first_ray, padded));
-        for (int b = 0; b < BANDS; ++b) {
-            passed[b] += weights[b * frequencies + f] * e;
-            above[b] += e * surface_value(emitted + b * surfaces * frequencies, surface, blend, first_ray, frequencies, f);
-        }
-    }
+    reals m[MOMENTS + 1];
+    for (int k = 0; k < MOMENTS; ++k) m[k] = LOAD(moments + first_ray + k * padded);
     for (int b = 0; b < BANDS; ++b) {
-        STORE(passed[b], transmission + b * padded + first_ray);
-        STORE(above[b], contrast + b * padded + first_ray);
+        __global const real *table = emitted + b * surfaces * frequencies, *row = table + surface[first_ray] * frequencies;
+        const reals least = depth_of(coefficients + thinnest[b] * (MOMENTS + 1), length, m);
+        reals lost = 0, above = 0;
+        for (int f = 0; f < frequencies; ++f) {
+            reals less;
+            const reals passed = attenuate(depth_of(coefficients + f * (MOMENTS + 1), length, m) - least, &less);
+            lost += weights[b * frequencies + f] * less;
+            above += passed * (alike ? (reals)row[f] : surface_value(table, surface, blend, first_ray, frequencies, f));
+        }
+        STORE(least - log1p(-lost), depth + b * padded + first_ray);
+        STORE(above * exp(-least), contrast + b * padded + first_ray);
     }
 }
 #endif

@@ -24,7 +24,6 @@ from thzcl.turbulence import Turbulence
 
 Array = NDArray[np.float64]
 Tracer = Callable[[Device, Group, Ends, Medium, int, Guard | None], Paths]
-FAINTEST = 1e-38  # transmission whose logarithm still is a number
 
 
 @dataclass(frozen=True)
@@ -141,15 +140,17 @@ def _shade(device: Device, variant: VariantPlan, paths: Paths, coefficients: Arr
     table = sources(variant.scene, variant.needs, variant.surfaces, variant.frequency_hz)
     if variant.weights is None or variant.transmission_weights is None:
         shaded = trace.shade(device, paths, coefficients, table, variant.precision)
-        return shaded.depth.host(), shaded.contrast.host()
-    shaded = trace.shade_bands(
-        device, paths, coefficients, table, variant.weights, variant.transmission_weights, variant.precision
-    )
-    return _depth_of(shaded.depth.host()), shaded.contrast.host()
+    else:
+        bands = variant.weights, variant.transmission_weights
+        shaded = trace.shade_bands(device, paths, coefficients, table, *bands, variant.precision)
+    return shaded.depth.host(), shaded.contrast.host()
 
 
-def _depth_of(transmission: NDArray[Any]) -> Array:
-    return np.asarray(-np.log(np.maximum(transmission, FAINTEST)))
+def _mean_depth(depth: NDArray[Any], weights: Array) -> Array:
+    """Depth of the mean transmission, (band, ray), of depths (frequency, ray): neither thin nor deep air loses its digits."""
+    least = np.array([depth[row > 0].min(axis=0) for row in weights], dtype=np.float64)
+    lost = [row @ -np.expm1(np.minimum(thin - depth, 0)) for row, thin in zip(weights, least, strict=True)]
+    return np.asarray(least - np.log1p(-np.array(lost)))
 
 
 def _emission(device: Device, group: Group, surrogate: Surrogate, media: list[Medium], lines: Lines, clock: Clock) -> Capture:
@@ -161,7 +162,7 @@ def _emission(device: Device, group: Group, surrogate: Surrogate, media: list[Me
     found: list[tuple[Paths, Shaded]] = []
     for stage, ends, medium in zip(("path-emission", "outgoing-path"), _ways(lines), media, strict=False):
         with clock.stage(stage):
-            tables = trace.emitting(surrogate, medium.temperature_span, table, path=path)
+            tables = trace.emitting(surrogate, medium.temperature_span, table, variant.precision, path=path)
             found.append(trace.trace_emission(device, ends, medium, tables, cutoff, variant.precision))
             device.finish()
     with clock.stage("shading"):
@@ -173,7 +174,7 @@ def _emission(device: Device, group: Group, surrogate: Surrogate, media: list[Me
             depths = [depths[0], out]
         depth = sum(depths[1:], start=depths[0])
         if variant.weights is not None and variant.transmission_weights is not None:
-            depth = _depth_of(variant.transmission_weights @ np.exp(-depth))
+            depth = _mean_depth(depth, variant.transmission_weights)
             contrast = variant.weights @ contrast
         segments = sum(paths.segments for paths, _ in found)
         return _capture(variant, surrogate, (depth, contrast), [p for p, _ in found], surface, segments, lines)

@@ -15,6 +15,7 @@ from thzcl.geometry import Geometry, world_frame
 from thzcl.plan import DEPTH_CHECKED_EVERY, EMISSION_AT_ONCE
 
 Array = NDArray[np.float64]
+PLANCK_NODES = 16  # of Planck's law over the temperatures that occur
 
 
 @dataclass(frozen=True)
@@ -110,7 +111,7 @@ class Guard:
 
 @dataclass(frozen=True)
 class Shaded:
-    """Optical depth and contrast, (frequency, ray), on the device; in bands, transmission in the place of depth."""
+    """Optical depth and contrast, (frequency, ray), on the device; in bands, the depth of their mean transmission."""
 
     depth: Buffer
     contrast: Buffer
@@ -258,8 +259,9 @@ def shade_bands(
 
     No spectrum is stored.
     """
+    thinnest = np.where(passing > 0, coefficients[:, 0], np.inf).argmin(axis=1)
     program, rays = _shading(device, paths, precision, f"BANDS={len(weights)}"), len(paths.path_length)
-    transmission, contrast = (device.empty((len(weights), rays), precision) for _ in range(2))
+    depth, contrast = (device.empty((len(weights), rays), precision) for _ in range(2))
     program.run(
         "shade_bands",
         rays // device.lanes(precision),
@@ -269,16 +271,17 @@ def shade_bands(
         device.put(weights[:, None, :] * sources, precision),
         np.int32(len(coefficients)),
         np.int32(len(sources)),
-        transmission,
+        device.put(thinnest, np.int32),
+        depth,
         contrast,
     )
-    return Shaded(transmission, contrast)
+    return Shaded(depth, contrast)
 
 
 def _shading(device: Device, paths: Paths, precision: str, *options: str) -> Any:
     moments = 0 if paths.moments is None else len(paths.moments)
     textured = ["BILLBOARDS"] if len(paths.blend) > 1 else []
-    return device.build(("source", "shade"), precision, [f"MOMENTS={moments}", *options, *textured])
+    return device.build(("source", "attenuate", "shade"), precision, [f"MOMENTS={moments}", *options, *textured])
 
 
 def _shaded_paths(paths: Paths) -> tuple[Buffer, ...]:
@@ -294,19 +297,29 @@ class Emitting:
     """
 
     coefficients: Array
+    counts: tuple[int, ...]  # temperature powers that matter with each humidity power
     planck: Array
     sources: Array
 
     def some(self, first: int) -> Emitting:
         """Those frequencies from `first` that one pass carries."""
         part = slice(first, first + EMISSION_AT_ONCE)
-        return Emitting(self.coefficients[part], self.planck[part], self.sources[:, part])
+        return Emitting(self.coefficients[part], self.counts, self.planck[part], self.sources[:, part])
 
 
-def emitting(surrogate: Surrogate, span: tuple[float, float], sources: Array, *, path: bool = True) -> Emitting:
+def emitting(surrogate: Surrogate, span: tuple[float, float], sources: Array, precision: str, *, path: bool = True) -> Emitting:
     """Tables for an emission trace over a span of temperatures; without `path`, what the air itself emits is left out."""
-    planck = _planck_powers(surrogate, span) if path else np.zeros((len(surrogate.frequency_hz), 1))
-    return Emitting(surrogate.coefficients, planck, sources)
+    planck = _planck_powers(surrogate, span, precision) if path else np.zeros((len(surrogate.frequency_hz), 1))
+    return Emitting(surrogate.coefficients, _counts(surrogate), planck, sources)
+
+
+def _counts(surrogate: Surrogate) -> tuple[int, ...]:
+    """How many temperature powers matter with each humidity power: all that is left out is within the polynomial's error."""
+    rows = np.abs(surrogate.coefficients) / np.maximum(np.abs(surrogate.coefficients[:, :1, :1]), np.finfo(float).tiny)
+    reach = [max(map(abs, span)) for span in (surrogate.humidity_span, surrogate.temperature_span)]
+    terms = rows.max(axis=0) * reach[0] ** np.arange(rows.shape[1])[:, None] * reach[1] ** np.arange(rows.shape[2])
+    matter = terms > surrogate.error / (2 * terms.size)
+    return tuple(int(1 + np.flatnonzero(row)[-1]) if row.any() else 1 for row in matter)
 
 
 def trace_emission(
@@ -338,8 +351,9 @@ def _emission_pass(
 ) -> tuple[Shaded, Buffer]:
     (count, powers_d, powers_t), powers_b = tables.coefficients.shape, tables.planck.shape[1]
     numbers = {"FREQUENCIES": count, "HUMIDITY_POWERS": powers_d, "TEMPERATURE_POWERS": powers_t, "PLANCK_POWERS": powers_b}
-    options = [*_options(ends, medium, cutoff, **numbers), *(["BILLBOARDS"] if len(ends.blend) > 1 else [])]
-    program = device.build(("camera", "march", "source", "emission"), precision, options)
+    options = [*_options(ends, medium, cutoff, **numbers), f"COUNTS={','.join(map(str, tables.counts))}"]
+    options += [*(["BILLBOARDS"] if len(ends.blend) > 1 else [])]
+    program = device.build(("camera", "march", "source", "attenuate", "emission"), precision, options)
     depth, contrast = (device.empty((count, ends.rays), precision) for _ in range(2))
     segments = device.empty((ends.rays // device.lanes(precision),), np.int32)
     program.run(
@@ -361,16 +375,20 @@ def _emission_pass(
     return Shaded(depth, contrast), segments
 
 
-def _planck_powers(surrogate: Surrogate, span: tuple[float, float]) -> Array:
-    """B(T_mean + t) - B(T_mean) in powers of t over a span, (frequency, power), to 1e-8 of its largest value or better."""
+def _planck_powers(surrogate: Surrogate, span: tuple[float, float], precision: str) -> Array:
+    """B(T_mean + t) - B(T_mean) in powers of t over a span, (frequency, power), to a tenth of a rounding."""
     low, high = min(span[0], 0.0), max(span[1], 0.0)
     largest = max(-low, high)
-    t = (low + high) / 2 + (high - low) / 2 * np.cos((np.arange(12) + 0.5) * np.pi / 12)
+    t = (low + high) / 2 + (high - low) / 2 * np.cos((np.arange(PLANCK_NODES) + 0.5) * np.pi / PLANCK_NODES)
     mean_k = surrogate.air.temperature_k
-    values = radiometry.planck_difference(surrogate.frequency_hz[:, None], mean_k + t, mean_k) / t
     # The slope is fitted, and multiplied by t: the difference is exactly 0 at t = 0.
-    fits = [np.polynomial.Polynomial.fit(t / largest, v, 6, domain=[-1, 1], window=[-1, 1]).coef for v in values]
-    return np.array([[0.0, *(np.asarray(c, dtype=np.float64) / largest ** np.arange(7))] for c in fits])
+    slopes = radiometry.planck_difference(surrogate.frequency_hz[:, None], mean_k + t, mean_k) / t
+    for degree in range(1, PLANCK_NODES - 2):
+        fits = np.polynomial.polynomial.polyfit(t / largest, slopes.T, degree).T
+        wrong = np.abs(np.polynomial.polynomial.polyval(t / largest, fits.T) - slopes).max(axis=1)
+        if (wrong <= np.finfo(precision).eps / 10 * np.abs(slopes).max(axis=1)).all():
+            break
+    return np.hstack([np.zeros((len(fits), 1)), fits / largest ** np.arange(fits.shape[1])])
 
 
 def _surfaces(geometry: Geometry) -> list[str]:
