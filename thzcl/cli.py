@@ -232,11 +232,17 @@ def _print_records(rows: list[dict[str, float]], how: TableFormat) -> None:
     if how is TableFormat.json:
         print(json.dumps({"records": rows}, indent=1))
     elif how is TableFormat.csv:
-        print(",".join(rows[0]))
-        for row in rows:
-            print(",".join(repr(value) for value in row.values()))
+        _print_csv(rows)
     else:
         printing.table("", list(rows[0]), [[f"{value:.6g}" for value in row.values()] for row in rows])
+
+
+def _print_csv(rows: list[dict[str, Any]]) -> None:
+    import csv
+
+    writer = csv.DictWriter(sys.stdout, list(rows[0]), lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(rows)
 
 
 @app.command()
@@ -269,6 +275,24 @@ def convergence(
         print(Path(found["files"][1]).read_text(encoding="utf-8"), end="")
     else:
         printing.convergence(found)
+
+
+@app.command()
+def stress(device: DeviceChoice = None, how: HowToTabulate = TableFormat.table) -> int:
+    """Run the stiff and extreme cases, each against its reference."""
+    from thzcl import printing
+    from thzcl.stress import cases, examine
+
+    with printing.progress(quiet=False) as progress:
+        found = [outcome.record() for outcome in examine(cases(), device, progress)]
+    failed = [case["name"] for case in found if not case["passed"]]
+    if how is TableFormat.json:
+        print(json.dumps({"cases": found}, indent=1))
+    elif how is TableFormat.csv:
+        _print_csv(found)
+    else:
+        printing.stress(found)
+    return _complain([f"{len(failed)} of {len(found)} cases failed: {', '.join(failed)}"], 4) if failed else 0
 
 
 @app.command()

@@ -127,3 +127,19 @@ def convergence(found: dict[str, Any]) -> None:
     table("", ["left out", "why"], [[item["knob"], item["reason"]] for item in found["left_out"]])
     for file in found["files"]:
         print(f"wrote {file}")
+
+
+def stress(found: list[dict[str, Any]]) -> None:
+    """Prints the stiff and extreme cases."""
+    rows = [
+        [
+            case["name"],
+            _number(case["measured"], ".6g"),
+            _number(case["reference"], ".6g"),
+            _number(case["error"], ".1e"),
+            _number(case["bound"], ".0e"),
+            "passed" if case["passed"] else "FAILED",
+        ]
+        for case in found
+    ]
+    table("", ["case: what, arithmetic", "measured", "reference", "relative error", "bound", ""], rows)

@@ -46,7 +46,7 @@ def planck_difference(frequency_hz: Any, temperature_k: Any, reference_k: Any) -
     t, r = np.asarray(temperature_k, dtype=np.float64), np.asarray(reference_k, dtype=np.float64)
     hot, cold = np.maximum(t, r), np.minimum(t, r)
     # n_hot - n_cold = n_hot (1 + n_cold) (1 - exp(x_hot - x_cold)): no term grows without bound.
-    with np.errstate(divide="ignore", invalid="ignore"):
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         exponent = photon_temperature(frequency_hz) * (cold - hot) / (cold * hot)
     exponent = np.where(hot == cold, 0.0, exponent)
     n_hot, n_cold = _occupation(frequency_hz, hot), _occupation(frequency_hz, cold)

@@ -381,6 +381,7 @@ def _planck_powers(surrogate: Surrogate, span: tuple[float, float], precision: s
     largest = max(-low, high)
     t = (low + high) / 2 + (high - low) / 2 * np.cos((np.arange(PLANCK_NODES) + 0.5) * np.pi / PLANCK_NODES)
     mean_k = surrogate.air.temperature_k
+    t = (mean_k + t) - mean_k  # what is left of a tiny departure once it is added
     # The slope is fitted, and multiplied by t: the difference is exactly 0 at t = 0.
     slopes = radiometry.planck_difference(surrogate.frequency_hz[:, None], mean_k + t, mean_k) / t
     for degree in range(1, PLANCK_NODES - 2):

@@ -1,0 +1,80 @@
+"""What is measured of a case: of all its pixels the worst, relative to a quantity that the case makes non-zero."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from thzcl.stress import reference
+from thzcl.stress.trial import Measurement, Run, worst
+
+
+def depth(run: Run) -> Measurement:
+    """Optical depth of every ray, relative to itself."""
+    return worst(run.sight.optical_depth, run.truth.optical_depth)
+
+
+def passed(run: Run) -> Measurement:
+    """The part of a surface's contrast that is left: exp(-depth)."""
+    surface = run.truth.surface
+    return worst(run.radiances.contrast / surface, run.truth.contrast / surface, 1.0)
+
+
+def faint(run: Run) -> Measurement:
+    """The depth that the contrast tells of, where next to nothing of it is left: minus its logarithm."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        told = -np.log(run.radiances.contrast.astype(np.float64) / run.truth.surface)
+    return worst(told, run.truth.optical_depth)
+
+
+def emitted(run: Run) -> Measurement:
+    """Contrast of air that emits along the path, over the largest departure from the mean air's radiance on the way."""
+    most = np.maximum(-run.truth.coldest, run.truth.warmest)
+    return worst(run.radiances.contrast / most, run.truth.contrast / most, 1.0)
+
+
+def outside(run: Run) -> Measurement:
+    """How far the contrast lies outside the range of the Planck radiances met on the way, over that range."""
+    low, high, seen = run.truth.coldest, run.truth.warmest, run.radiances.contrast
+    return worst(np.maximum(np.maximum(low - seen, seen - high), 0) / (high - low), 0.0, 1.0)
+
+
+def nothing(run: Run) -> Measurement:
+    """The largest contrast, in W m-2 sr-1 Hz-1, where there should be none at all."""
+    return worst(np.abs(run.radiances.contrast).max(), 0.0, 1.0)
+
+
+def warmth(run: Run) -> Measurement:
+    """Contrast in brightness temperature, K, of a surface in air that takes nothing away, relative to the true one."""
+    kelvin = reference.ends(run.scene).temperature_k - run.scene.atmosphere.temperature_k
+    return worst(run.radiances.brightness_temperature_contrast[0], kelvin)
+
+
+def decibels(run: Run) -> Measurement:
+    """Echoes in dB over the floor: the dynamic range less twice the depth; in parts of the range."""
+    sensor = run.scene.sensor.model_dump()
+    loss = 2 * run.truth.optical_depth[0] * 10 / math.log(10)
+    return worst(run.image.values, sensor["dynamic_range_db"] - loss, sensor["dynamic_range_db"])
+
+
+def band_transmission(run: Run) -> Measurement:
+    """Mean transmission of a band."""
+    return worst(np.exp(-run.sight.optical_depth[0].astype(np.float64)), _band(run).transmission)
+
+
+def band_contrast(run: Run) -> Measurement:
+    """Contrast of a band, over its radiance."""
+    return worst(run.radiances.contrast[0] / run.radiances.air_radiance[0], _band(run).contrast)
+
+
+def _band(run: Run) -> reference.BandTruth:
+    sensor = run.scene.sensor.model_dump()
+    low, high = ((sensor["center_ghz"] + sign * sensor["bandwidth_ghz"] / 2) * 1e9 for sign in (-1, 1))
+    return reference.band(run.scene, low, high, -2.0)  # a single mode collects lambda^2
+
+
+def noise(run: Run) -> Measurement:
+    """Spread over the pixels of an even scene's antenna temperature, over its mean."""
+    values = run.image.values
+    return worst(1 + np.ptp(values) / values.mean(), 1.0)
