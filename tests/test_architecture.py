@@ -13,7 +13,7 @@ from conftest import ROOT
 FLOW = [
     "thzcl", "files", "linker", "clock", "absorption", "scenario", "radiometry", "bands", "sensor", "hookspecs", "plugins",
     "turbulence", "field_file", "texture", "geometry", "optics", "accuracy", "plan", "overview", "device", "field", "trace",
-    "thinning", "compute", "develop", "reference", "budget", "figure", "result", "pipeline", "newsensor", "printing",
+    "thinning", "compute", "develop", "reference", "budget", "figure", "result", "pipeline", "bench", "newsensor", "printing",
     "doctor", "cli", "__main__",
 ]  # fmt: skip
 STRANGERS = [
