@@ -140,6 +140,28 @@ def test_bench_leaves_out_what_a_scene_does_not_have(thzcl_json):
     assert [row["name"] for row in found["roofline"]] == ["memory-bandwidth"]
 
 
+def test_bench_where_emission_is_carried_along_the_path(thzcl_json):
+    """No shading of its own, and humidity and temperature read from every voxel."""
+    warm = ("--set", "atmosphere.fluctuations.temperature_sigma_k=0.5", "--variant", "284 K")
+    found = thzcl_json("bench", *SMALL, *warm)
+    stages = {stage["name"]: stage for stage in found["stages"]}
+    gather = next(row for row in found["roofline"] if row["name"] == "gather-coherent")
+    share = 2 * stages["trace"]["segments_per_second"] / gather["voxels_per_second"]
+    assert stages["trace"]["share"] == pytest.approx(share)
+    assert set(stages["shading"]) == {"name", "seconds"}
+
+
+def test_an_interrupted_bench_exits_130(tmp_path):
+    command = [sys.executable, "-m", "thzcl", "bench", "--repeat", "10000"]
+    environment = os.environ | {"PYTHONPATH": str(ROOT)}
+    with subprocess.Popen(command, env=environment, cwd=tmp_path, stderr=subprocess.PIPE, text=True) as process:
+        time.sleep(4)
+        process.send_signal(signal.SIGINT)
+        _, errors = process.communicate(timeout=120)
+    assert process.returncode == 130
+    assert "Traceback" not in errors
+
+
 def test_bench_as_table_and_csv(thzcl_command):
     done = thzcl_command("bench", *SMALL, "--variant", "284 K")
     assert (done.returncode, done.stderr) == (0, "")

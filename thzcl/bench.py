@@ -17,7 +17,7 @@ import numpy as np
 import thzcl
 from thzcl import pipeline
 from thzcl.clock import Clock, Progress
-from thzcl.plan import Plan, by_key
+from thzcl.plan import Plan, VariantPlan, by_key
 from thzcl.result import Result
 
 if TYPE_CHECKING:
@@ -129,28 +129,29 @@ def repeated(plan: Plan, device: Device, repeat: int, tell: Progress = lambda _:
 
 def _works(plan: Plan, segments: int) -> list[Work]:
     """What the stages do whose throughput means something."""
-    cubes = [v.field for v in {id(v.field): v for v in plan.variants}.values() if v.field is not None]
-    distinct = by_key(cubes, lambda cube: cube)
-    voxels = sum(f.source.grid**3 for (f, *_) in distinct.values())
-    fields = sum(f.source.grid**3 * (1 + f.temperature_fluctuates) for (f, *_) in distinct.values())
+    with_field = [v for v in plan.variants if v.field is not None]
+    cubes = [same[0].field for same in by_key(with_field, lambda v: (v.field, v.precision)).values()]
+    voxels = [cube.source.grid**3 for cube in cubes if cube is not None]
+    fields = [cube.source.grid**3 * (1 + cube.temperature_fluctuates) for cube in cubes if cube is not None]
     raster = plan.variants[0].geometry.raster
     rays = raster.rays * len(by_key(plan.variants, lambda v: v.rays_key))
-    pixels = sum(v.geometry.raster.rays * len(v.frequency_hz) for v in plan.variants)
-    gathers = segments if all(v.isothermal for v in plan.variants) else 2 * segments
+    shaded = [v for v in plan.variants if v.isothermal]  # the others carry their radiance along the path
+    pixels = sum(v.geometry.raster.rays * len(v.frequency_hz) for v in shaded)
+    gathers = segments if len(shaded) == len(plan.variants) else 2 * segments
     return [
-        Work("field", ("humidity-field",), "voxels", voxels, "memory-bandwidth", FIELD_BYTES * fields),
+        Work("field", ("humidity-field",), "voxels", sum(voxels), "memory-bandwidth", FIELD_BYTES * sum(fields)),
         Work("surfaces", ("ground", "boxes", "billboards"), "rays", rays),
         Work("trace", ("trace", "outgoing-path", "path-emission"), "segments", segments, "gather-coherent", gathers),
-        Work("shading", ("shading",), "pixel_frequencies", pixels, "memory-bandwidth", _shading_bytes(plan)),
+        Work("shading", ("shading",), "pixel_frequencies", pixels, "memory-bandwidth", _shading_bytes(shaded)),
     ]
 
 
-def _shading_bytes(plan: Plan) -> int:
+def _shading_bytes(variants: Sequence[VariantPlan]) -> int:
     """Length, surface and moments of every ray read, depth and contrast written."""
     total = 0
-    for v in plan.variants:
+    for v in variants:
         real, bands = np.dtype(v.precision).itemsize, len(v.frequency_hz) if v.weights is None else len(v.weights)
-        moments = v.surrogate.moments if v.field is not None and v.isothermal else 0
+        moments = v.surrogate.moments if v.field is not None else 0
         total += v.geometry.raster.rays * (4 + real * (1 + moments + 2 * bands))
     return total
 
@@ -159,8 +160,9 @@ def _stages(plan: Plan, runs: Runs, roofline: Mapping[str, Mapping[str, Any]]) -
     """Every stage that the runs went through, and at last whole images."""
     found, left = [], dict(runs.seconds)
     for work in _works(plan, runs.result.voxel_segments):
-        seconds = sum(left.pop(stage, 0.0) for stage in work.stages)
-        if seconds and work.amount:
+        taken = [left.pop(stage) for stage in work.stages if work.amount and stage in left]
+        if taken:
+            seconds = sum(taken)
             bound = roofline.get(work.bound)
             share = {} if bound is None else {"bound": work.bound, "share": work.needed / seconds / _rate(bound)}
             found.append(_row(work.name, seconds, work.unit, work.amount) | share)

@@ -7,6 +7,8 @@ from __future__ import annotations
 
 import argparse
 import json
+from importlib.metadata import version
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -26,7 +28,8 @@ def main() -> None:
     parser.add_argument("--only", default="", metavar="NAME", help="comparison, or the claims whose function's name holds this")
     given = parser.parse_args()
     device = open_device()
-    found: dict[str, Any] = surroundings() | {"device": device.info.name, "repeat": given.repeat}
+    rivals = {name: version(name) for name in ("numba", "mitsuba") if find_spec(name)}
+    found: dict[str, Any] = surroundings() | {"device": device.info.name, "repeat": given.repeat, "rivals": rivals}
     if given.only in ("", "comparison"):
         found["comparison"] = comparison.compare(device, given.repeat)
         for one in found["comparison"]:
