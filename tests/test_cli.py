@@ -40,6 +40,7 @@ def test_help_imports_nothing_heavy():
         "run",
         "check",
         "plan",
+        "bench",
         "absorption",
         "sensors",
         "scenarios",
@@ -104,6 +105,72 @@ def test_plan_tells_what_is_needed_and_computes_nothing(thzcl_json, tmp_path):
     assert uniform == {"surrogate", "ground", "boxes", "figure"}
 
 
+SMALL = ("--repeat", "1", "--set", "camera.pixels=[32,32]", "--set", "atmosphere.fluctuations.grid=32")
+
+
+def test_bench_measures_every_stage(thzcl_json, tmp_path):
+    found = thzcl_json("bench", *SMALL)
+    assert found["scenario"] == "slide"
+    assert found["repeat"] == 1
+    assert found["machine"]["processor"] and found["machine"]["cores"] >= 1
+    assert found["versions"]["thzcl"]
+    stages = {stage["name"]: stage for stage in found["stages"]}
+    units = {
+        "field": "voxels",
+        "surfaces": "rays",
+        "trace": "segments",
+        "shading": "pixel_frequencies",
+        "image": "images",
+    }
+    for name, unit in units.items():
+        rate = stages[name][f"{unit}_per_second"]
+        assert rate == pytest.approx(stages[name][unit] / stages[name]["seconds"])
+    assert (stages["field"]["voxels"], stages["surfaces"]["rays"], stages["image"]["images"]) == (32**3, 32**2, 6)
+    assert stages["shading"]["pixel_frequencies"] == 6 * 32**2
+    roofline = {row["name"]: row for row in found["roofline"]}
+    assert set(roofline) == {"memory-bandwidth", "gather-coherent", "gather-random"}
+    share = stages["trace"]["segments_per_second"] / roofline["gather-coherent"]["voxels_per_second"]
+    assert stages["trace"]["share"] == pytest.approx(share)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_bench_leaves_out_what_a_scene_does_not_have(thzcl_json):
+    """Uniform air: no field, no trace, and no cube to gather from."""
+    found = thzcl_json("bench", "uniform", "--repeat", "1", "--set", "camera.pixels=[32,32]")
+    assert not {"field", "trace"} & {stage["name"] for stage in found["stages"]}
+    assert [row["name"] for row in found["roofline"]] == ["memory-bandwidth"]
+
+
+def test_bench_where_emission_is_carried_along_the_path(thzcl_json):
+    """No shading of its own, and humidity and temperature read from every voxel."""
+    warm = ("--set", "atmosphere.fluctuations.temperature_sigma_k=0.5", "--variant", "284 K")
+    found = thzcl_json("bench", *SMALL, *warm)
+    stages = {stage["name"]: stage for stage in found["stages"]}
+    gather = next(row for row in found["roofline"] if row["name"] == "gather-coherent")
+    share = 2 * stages["trace"]["segments_per_second"] / gather["voxels_per_second"]
+    assert stages["trace"]["share"] == pytest.approx(share)
+    assert set(stages["shading"]) == {"name", "seconds"}
+
+
+def test_an_interrupted_bench_exits_130(tmp_path):
+    command = [sys.executable, "-m", "thzcl", "bench", "--repeat", "10000"]
+    environment = os.environ | {"PYTHONPATH": str(ROOT)}
+    with subprocess.Popen(command, env=environment, cwd=tmp_path, stderr=subprocess.PIPE, text=True) as process:
+        time.sleep(4)
+        process.send_signal(signal.SIGINT)
+        _, errors = process.communicate(timeout=120)
+    assert process.returncode == 130
+    assert "Traceback" not in errors
+
+
+def test_bench_as_table_and_csv(thzcl_command):
+    done = thzcl_command("bench", *SMALL, "--variant", "284 K")
+    assert (done.returncode, done.stderr) == (0, "")
+    assert "segments/s" in done.stdout and "time / ms" in done.stdout and "% of gather-coherent" in done.stdout
+    rows = list(csv.DictReader(io.StringIO(thzcl_command("bench", *SMALL, "--format", "csv").stdout)))
+    assert {row["unit"] for row in rows if row["name"] in ("trace", "field")} == {"segments/s", "voxels/s"}
+
+
 def test_check(thzcl_command, tmp_path):
     assert "sound, 6 images" in thzcl_command("check", "figure6").stdout
     done = thzcl_command("check", write(tmp_path, scene(camera__pixels=[0, 0], ground__temperature_k=-1.0)))
@@ -138,6 +205,7 @@ WRONG = {
         ("absorption", "--frequency-ghz", "600", "--relative-humidity-percent", "1", "--vapour-pressure-hpa", "1"),
         "only one humidity",
     ),
+    "no run to bench": (("bench", "--repeat", "0"), "--repeat"),
     "too humid": (("absorption", "--frequency-ghz", "600", "--vapour-pressure-hpa", "2000"), "vapour pressure"),
     "unknown model": (("absorption", "--frequency-ghz", "600", "--model", "itu"), "unknown absorption model"),
     "no such sensor": (("sensors", "camera"), "no sensor"),

@@ -191,6 +191,38 @@ def plan(
 
 
 @app.command()
+def bench(
+    scenario: Annotated[str, typer.Argument(metavar="[SCENARIO]", help="as for run")] = "slide",
+    settings: Settings = None,
+    variant: Variants = None,
+    device: DeviceChoice = None,
+    allow_outside: AllowOutside = False,
+    repeat: Annotated[int, typer.Option(metavar="N", min=1, help="runs to take the median of")] = 7,
+    how: HowToTabulate = TableFormat.table,
+) -> None:
+    """Measure the throughput of every stage on this device, and how much of the possible it is."""
+    from thzcl import bench as benchmark
+    from thzcl import printing
+
+    with printing.progress(quiet=False) as progress:
+        found = benchmark.bench(
+            scenario,
+            settings=_changes(settings),
+            variants=variant or (),
+            device=device,
+            allow_outside=allow_outside,
+            repeat=repeat,
+            progress=progress,
+        )
+    if how is TableFormat.json:
+        print(json.dumps(found, indent=2))
+    elif how is TableFormat.csv:
+        _print_csv(benchmark.flat(found))
+    else:
+        printing.bench(found, benchmark.flat(found))
+
+
+@app.command()
 def absorption(
     frequency_ghz: Annotated[str, typer.Option(metavar="F", help="GHz: a value, a list a,b,c or a range start:stop:step")],
     temperature_k: Annotated[str, typer.Option(metavar="T", help="K: a value, a list or a range")] = "288.15",

@@ -99,6 +99,15 @@ def _info(number: int, device: Any) -> DeviceInfo:
     )
 
 
+@dataclass
+class Counters:
+    """What a device was given to do; no clock is needed to compare it."""
+
+    programs: int = 0  # built, or loaded from an earlier run's binary
+    launches: int = 0
+    bytes_copied: int = 0  # between host and device, both ways; on a CPU, those that would have been
+
+
 class Buffer:
     """An array on the device. On a CPU it is a NumPy array whose memory the device uses in place."""
 
@@ -120,8 +129,14 @@ class Buffer:
     def __len__(self) -> int:
         return self.shape[0]
 
+    @property
+    def size(self) -> int:
+        """In bytes."""
+        return int(np.prod(self.shape)) * self.dtype.itemsize
+
     def host(self) -> NDArray[Any]:
         """The values, once every kernel before has ended; on a CPU not a copy: do not write to it."""
+        self._device.counters.bytes_copied += self.size
         if self._array is None:
             array = np.empty(self.shape, self.dtype)
             cl.enqueue_copy(self._device.queue, array, self.memory)
@@ -131,6 +146,7 @@ class Buffer:
 
     def fill(self, values: NDArray[Any]) -> Buffer:
         """Sets the values; returns the buffer itself."""
+        self._device.counters.bytes_copied += self.size
         if self._array is None:
             cl.enqueue_copy(self._device.queue, self.memory, np.ascontiguousarray(values, self.dtype))
         else:
@@ -158,6 +174,7 @@ class Program:
         for position, argument in enumerate(arguments):
             kernel.set_arg(position, argument.memory if isinstance(argument, Buffer) else argument)
         self._device.in_use.extend(argument for argument in arguments if isinstance(argument, Buffer))
+        self._device.counters.launches += 1
         extent, group = ((size,), (GROUP,)) if isinstance(size, int) else (size, (1, GROUP, 1))
         cl.enqueue_nd_range_kernel(self._device.queue, kernel, extent, group)
 
@@ -173,6 +190,7 @@ class Device:
         self.float64 = bool(device.double_fp_config)
         self.largest_buffer = int(device.max_mem_alloc_size)
         self.in_use: list[Buffer] = []  # by kernels not known to have ended: their memory must outlast them
+        self.counters = Counters()
         self._programs: dict[tuple[tuple[str, ...], tuple[str, ...]], Program] = {}
 
     @property
@@ -219,6 +237,7 @@ class Device:
         key = (names, (*common, *options))
         if key not in self._programs:
             source = "".join(f'#line 1 "{name}.cl"\n{(KERNELS / f"{name}.cl").read_text(encoding="utf-8")}\n' for name in names)
+            self.counters.programs += 1
             self._programs[key] = Program(self, self._built(source, [f"-D{option}" for option in key[1]]))
         return self._programs[key]
 

@@ -94,13 +94,21 @@ def run(
         from thzcl.device import open_device
 
         opened = open_device(device)
-    checks.memory(plan, opened)
+    return compute_images(plan, opened, clock, figure=figure)
+
+
+def compute_images(plan: Plan, device: Device, clock: Clock, *, figure: bool = False) -> Result:
+    """The images of a plan, on a device that is open already; `clock` is told what each stage takes.
+
+    Raises ScenarioError if the device's memory is too small, and NumbersError if a sensor fails.
+    """
+    checks.memory(plan, device)
     lines: Known = {}
-    seen = _see(plan, opened, clock, lines)
-    result = _result(plan, opened, seen, clock, figure)
+    seen = _see(plan, device, clock, lines)
+    result = _result(plan, device, seen, clock, figure)
     if plan.realizations == 1:
         return replace(result, variants=tuple(_images(plan, seen, result, 0)))
-    return _ensemble(plan, opened, seen, lines, result, clock)
+    return _ensemble(plan, device, seen, lines, result, clock)
 
 
 def _images(plan: Plan, seen: Mapping[str, Seen], result: Result, realization: int) -> Iterator[VariantResult]:
@@ -189,7 +197,7 @@ def _result(plan: Plan, device: Device, seen: Mapping[str, Seen], clock: Clock, 
         warnings=tuple(overview.warnings(plan) + list(notes) + _missed(plan, seen)),
         error_budget=_errors(plan, seen),
         voxel_segments=sum(one.segments for one in seen.values()),
-        versions=_versions(),
+        versions=versions(),
         cubes=_cubes(plan, seen),
     )
 
@@ -266,5 +274,6 @@ def _cubes(plan: Plan, seen: Mapping[str, Seen]) -> tuple[Cube, ...]:
     return tuple(saved[:1] if same else saved)
 
 
-def _versions() -> dict[str, str]:
+def versions() -> dict[str, str]:
+    """Of thzcl, Python and the packages that numbers depend on."""
     return {"thzcl": thzcl.__version__, "python": platform.python_version()} | {name: version(name) for name in PACKAGES}

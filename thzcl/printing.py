@@ -87,6 +87,31 @@ def _number(value: float | None, form: str) -> str:
     return "" if value is None else format(value, form)
 
 
+def bench(found: dict[str, Any], rows: Sequence[dict[str, Any]]) -> None:
+    """Prints the throughput of stages, and what the device can do at most."""
+
+    def shown(row: dict[str, Any]) -> list[str]:
+        rate = f"{_scaled(row['rate'])}{row['unit'].replace('_', ' ')}" if row["unit"] else ""
+        share = f"{100 * row['share']:.3g} % of {row['bound']}" if row["bound"] else ""
+        return [row["name"], f"{1e3 * row['seconds']:.3g}", rate, share]
+
+    title = f"{found['scenario']}, medians of {found['repeat']}"
+    stages = [shown(row) for row in rows[: len(found["stages"])]]
+    table(title, ["stage", "time / ms", "throughput", "of what the device can do"], stages)
+    roofline = [shown(row)[:3] for row in rows[len(found["stages"]) :]]
+    table("what the device can do at most", ["measured by", "time / ms", "throughput"], roofline)
+    machine = found["machine"]
+    print(f"device: {found['device']}; {machine['cores']} cores of {machine['processor']}")
+
+
+def _scaled(value: float) -> str:
+    """With three digits and an SI prefix, a unit to follow."""
+    for prefix, size in (("G", 1e9), ("M", 1e6), ("k", 1e3)):
+        if value >= size:
+            return f"{value / size:.3g} {prefix} "
+    return f"{value:.3g} "
+
+
 def plan(found: dict[str, Any]) -> None:
     """Prints what a run would do."""
     rows = [[stage["name"], "needed" if stage["needed"] else "left out", stage["reason"]] for stage in found["stages"]]

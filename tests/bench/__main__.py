@@ -1,0 +1,83 @@
+"""`python tests/bench`: thzcl against what a user would write or take instead, and every claim of its speed.
+
+Numba and Mitsuba come with `pip install '.[bench]'`; without them their rows are left out, and said to be.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from importlib.metadata import version
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+import claims
+import comparison
+
+from thzcl import printing
+from thzcl.bench import surroundings
+from thzcl.device import open_device
+
+
+def main() -> None:
+    """Measures, prints tables, and writes the records where they are wanted."""
+    parser = argparse.ArgumentParser(prog="tests/bench", description="Measure thzcl against others, and its claims.")
+    parser.add_argument("--repeat", type=int, default=7, help="runs to take the median of")
+    parser.add_argument("--output", type=Path, metavar="FILE.json", help="write the records there")
+    parser.add_argument("--only", default="", metavar="NAME", help="comparison, or the claims whose function's name holds this")
+    given = parser.parse_args()
+    device = open_device()
+    rivals = {name: version(name) for name in ("numba", "mitsuba") if find_spec(name)}
+    found: dict[str, Any] = surroundings() | {"device": device.info.name, "repeat": given.repeat, "rivals": rivals}
+    if given.only in ("", "comparison"):
+        found["comparison"] = comparison.compare(device, given.repeat)
+        for one in found["comparison"]:
+            _show(one)
+    if given.only != "comparison":
+        records = claims.measure(device, given.repeat, given.only)
+        found["claims"] = [record.as_json() for record in records]
+        _show_claims(found["claims"])
+    machine = found["machine"]
+    print(f"{device.info.name}; {machine['cores']} cores of {machine['processor']}; commit {found['commit']}")
+    if given.output:
+        given.output.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
+
+
+def _show(one: dict[str, Any]) -> None:
+    rows = [
+        [
+            row["name"],
+            f"{1e3 * row['seconds']:.4g}",
+            "" if row["segments_per_second"] is None else f"{row['segments_per_second'] / 1e9:.3g}",
+            f"{row['error']:.1e}",
+            f"{row['times_ours']:.3g}",
+            f"{row['times_ours_thinned']:.3g}",
+            row["note"],
+        ]
+        for row in one["methods"]
+    ]
+    rows += [[name, "", "", "", "", "", "not installed"] for name in one["not_installed"]]
+    columns = ["", "time / ms", "G segments/s", "rms error of contrast", "x every ray", "x thinned", ""]
+    title = f"slide in voxels of {one['voxel_m']} m: {one['rays']} rays, {one['segments']:,} segments"
+    printing.table(title, columns, rows)
+
+
+def _show_claims(records: list[dict[str, Any]]) -> None:
+    words = {True: "met", False: "MISSED", None: "not measured"}
+    rows = [
+        [
+            record["name"],
+            "" if record["measured"] is None else f"{record['measured']:.3g}",
+            f"{'at least' if record['at_least'] else 'at most'} {record['bound']:g}",
+            record["unit"],
+            words[record["met"]],
+            record["note"],
+        ]
+        for record in records
+    ]
+    printing.table("claims", ["", "measured", "bound", "unit", "", ""], rows)
+
+
+if __name__ == "__main__":
+    main()

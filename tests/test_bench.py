@@ -1,0 +1,97 @@
+"""That tests/bench compares like with like: every rival does the same work to the error that is told of it. No times."""
+
+from __future__ import annotations
+
+import sys
+
+import numpy as np
+import pytest
+from conftest import ROOT
+
+sys.path.append(str(ROOT / "tests" / "bench"))
+import claims
+import mitsuba_march
+import rivals
+import setting
+import timing
+
+SMALL = {"camera.pixels": [32, 32], "atmosphere.fluctuations.voxel_m": 0.5}
+FLOAT32 = 1e-6  # of the contrast: rounding along a path in float32, with room to spare
+HALF_STEPS = 1e-2  # of the contrast: steps of half a voxel, that cross faces unseen
+
+
+@pytest.fixture(scope="module")
+def small(device):
+    return setting.make(device, SMALL)
+
+
+def error(one, paths):
+    return one.error(np.exp(-one.depth(paths)))
+
+
+def test_ours_on_packets_and_on_single_rays(device, small):
+    plain = setting.make(setting.OneLane(device.context.devices[0], device.info), SMALL)
+    assert error(small, small.trace()) < FLOAT32
+    assert error(plain, plain.trace()) < FLOAT32
+    assert plain.trace().segments == pytest.approx(small.trace().segments, rel=1e-4)
+
+
+def test_a_tolerance_thins_the_rays(device, small):
+    thinned = setting.make(device, SMALL | {"numerics.tolerance": 1e-3, "numerics.ray_stride": 4})
+    paths = thinned.trace()
+    assert paths.segments < small.trace().segments
+    assert FLOAT32 < error(thinned, paths) < 0.1
+
+
+def test_numpy_marches_the_same_rays(small):
+    depth = rivals.numpy_march(small)()
+    assert np.isfinite(depth).sum() == small.rays / rivals.PART
+    assert small.error(np.exp(-depth)) < HALF_STEPS
+
+
+@pytest.mark.parametrize("real", [np.float64, np.float32])
+def test_numba_marches_the_same_rays(small, real):
+    pytest.importorskip("numba")
+    assert small.error(np.exp(-rivals.numba_march(small, real)())) < FLOAT32
+
+
+def test_mitsuba_sees_the_same_image(small):
+    """Transmission t of independent samples has the variance t (1 - t) a sample; the mean of all pixels is known to 1 %."""
+    pytest.importorskip("mitsuba")
+    call = mitsuba_march.mitsuba_march(small)
+    many = 100
+    transmission = np.exp(-small.depth(small.trace()))
+    image = np.mean([call() for _ in range(many)], axis=0)
+    expected = np.sqrt(np.mean(transmission * (1 - transmission)) / many / mitsuba_march.SAMPLES)
+    assert np.sqrt(np.mean((image - transmission) ** 2)) == pytest.approx(expected, rel=0.15)
+    assert image.mean() == pytest.approx(transmission.mean(), abs=4 * expected / np.sqrt(small.rays))
+
+
+def test_alternate_takes_turns_and_medians():
+    turns = []
+    times = iter([9.0, 1.0, 5.0, 2.0])
+
+    def one():
+        turns.append("one")
+        return next(times)
+
+    def other():
+        turns.append("other")
+
+    seconds = timing.alternate({"one": one, "other": other}, 3)
+    assert turns == ["one", "other"] * 4
+    assert seconds["one"] == 2.0  # of 1, 5 and 2: the first warms up
+    assert seconds["other"] >= 0
+
+
+def test_a_record_knows_whether_it_is_met():
+    assert timing.Record("a", 1.0, 2.0, "times").met
+    assert not timing.Record("a", 1.0, 2.0, "times", at_least=True).met
+    assert timing.Record("a", None, 2.0, "times").met is None
+
+
+def test_a_claim_without_times_is_measured(device):
+    """Uniform air has no field and no trace, on any machine."""
+    share, memory = claims.uniform(device, 1)
+    assert share.measured == memory.measured == 0
+    assert share.met and memory.met

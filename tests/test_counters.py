@@ -1,0 +1,49 @@
+"""Work counted rather than timed: what a change makes the device do more often shows here, on any machine, without noise."""
+
+from __future__ import annotations
+
+import pytest
+
+from thzcl import pipeline, scenario
+from thzcl.clock import Clock
+from thzcl.device import open_device
+
+# Change these where a scene, a kernel's place in the flow, or what is handed to it changes on purpose, and say why; never
+# because a change that should not have touched them did. They hold for a CPU device, whose work-items carry 8 rays.
+SEGMENTS = {
+    "figure6": 25_713,
+    "figure7": 398_200,
+    "figure8": 764_332,
+    "figure9": 764_332,
+    "quick": 27_184,
+    "raster": 59_504,
+    "slide": 29_799,
+    "uniform": 0,
+}
+COUNTERS = {"programs": 4, "launches": 12, "bytes_copied": 17_484_568}
+
+
+@pytest.fixture(scope="module")
+def counted():
+    """Voxel segments and counters of a scene, alone on a device of its own, without the error budget's extra rays."""
+
+    def call(name, *pixels):
+        settings = {"camera.pixels": list(pixels), "numerics.error_budget": False}
+        opened = open_device()
+        if opened.lanes("float32") != 8:
+            pytest.skip("the counts are those of a CPU device")
+        plan = pipeline.prepare(name, settings)
+        result = pipeline.compute_images(plan, opened, Clock())
+        return result.voxel_segments, vars(opened.counters)
+
+    return call
+
+
+@pytest.mark.parametrize("name", list(scenario.shipped()))
+def test_every_scene_crosses_as_many_voxels_as_ever(counted, name):
+    assert counted(name, 16, 16)[0] == SEGMENTS.get(name)
+
+
+def test_the_device_is_asked_to_do_as_much_as_ever(counted):
+    """One field, one trace and six shadings: kernels built, launched, and bytes that change hands."""
+    assert counted("slide", 64, 64)[1] == COUNTERS
