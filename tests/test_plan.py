@@ -6,6 +6,7 @@ import pytest
 from scenes import run, scene, write
 
 from thzcl import overview, pipeline
+from thzcl.refraction import estimate
 
 
 def plan(folder, data):
@@ -105,3 +106,16 @@ def test_variants_stand_in_one_file_or_are_refused(tmp_path):
 
     with pytest.raises(ScenarioError, match="must have the same pixels"):
         plan(tmp_path, scene(variants=variants(a=("camera.pixels", [8, 8]), b=("camera.pixels", [9, 9]))))
+
+
+def test_refraction_that_is_left_out_is_estimated(tmp_path):
+    """PHYSICS section 6: 0.03 dB go with 7 microradians at 650 GHz and 100 m; both grow with the root of C_n^2."""
+    found = estimate(1.13e-13, 650e9, 100.0, 0.3)
+    assert found.tilt_urad == pytest.approx(7.0, rel=0.02)
+    assert found.scintillation_db == pytest.approx(0.03, rel=0.1)
+    assert estimate(4.52e-13, 650e9, 100.0, 0.3).scintillation_db == pytest.approx(2 * found.scintillation_db)
+    told = overview.as_json(pipeline.prepare(write(tmp_path, scene())))["refraction_left_out"]
+    assert told["path_m"] == pytest.approx(90.0, rel=0.02)
+    assert told["scintillation_db"] > 0
+    even = overview.as_json(pipeline.prepare(write(tmp_path, scene(atmosphere__fluctuations=None))))
+    assert even["refraction_left_out"] is None

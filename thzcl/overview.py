@@ -10,7 +10,8 @@ import numpy as np
 
 from thzcl.absorption.mpm93 import STATED_TO_GHZ
 from thzcl.geometry import ROTATIONS
-from thzcl.plan import DEPTH_CHECKED_EVERY, Group, Plan, VariantPlan, by_key
+from thzcl.plan import DEPTH_CHECKED_EVERY, Group, Plan, VariantPlan, by_key, sample_rays
+from thzcl.refraction import Refraction, estimate, structure_constant_n
 from thzcl.turbulence import Turbulence
 
 
@@ -200,6 +201,20 @@ def numerics(variant: VariantPlan) -> dict[str, object]:
     }
 
 
+def refraction(plan: Plan) -> Refraction | None:
+    """What refraction would add on the longest path of the variant where it would add most; None in even air."""
+    found = []
+    for variant in plan.variants:
+        if variant.field is None or not isinstance(variant.field.source, Turbulence):
+            continue
+        air = variant.scene.atmosphere.air
+        constant = structure_constant_n(air, *variant.field.source.structure_constants(air.absolute_humidity_g_m3))
+        aperture = variant.needs.optics.aperture_m if variant.needs.optics else None
+        length = float(sample_rays(variant.geometry).length.max())
+        found.append(estimate(constant, float(variant.frequency_hz.max()), length, aperture))
+    return max(found, key=lambda one: one.scintillation_db, default=None)
+
+
 def as_json(plan: Plan, figure: bool = True) -> dict[str, object]:
     """The plan as `thzcl plan --format json` prints it."""
     return {
@@ -211,5 +226,6 @@ def as_json(plan: Plan, figure: bool = True) -> dict[str, object]:
         "moments": plan.moments,
         "surrogate_error": plan.surrogate_error,
         "numerics": [numerics(variant) for variant in plan.variants],
+        "refraction_left_out": None if (left := refraction(plan)) is None else left._asdict(),
         "warnings": warnings(plan),
     }

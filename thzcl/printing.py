@@ -128,6 +128,11 @@ def plan(found: dict[str, Any]) -> None:
     print(f"error of the absorption polynomial: at most {found['surrogate_error']:.1e} of the mean air's absorption")
     print(f"voxels crossed: about {found['voxel_segments']:,}")
     print(f"memory at the peak: about {found['memory_bytes'] / 2**20:,.0f} MiB")
+    left = found["refraction_left_out"]
+    if left is not None:
+        noise, tilt = f"{left['scintillation_db']:.2g} dB of scintillation", f"{left['tilt_urad']:.2g} microradians of tilt"
+        where = f"{left['path_m']:.3g} m, aperture {left['aperture_m']:g} m, C_n^2 {left['structure_constant_n']:.2g} m^-2/3"
+        print(f"refraction, left out: {noise}, {tilt} ({where})")
     for warning in found["warnings"]:
         print(f"note: {warning}")
 

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from thzcl.absorption.mpm93 import attenuation, line_centers_ghz, line_width_ghz
 from thzcl.geometry import ROTATIONS
 from thzcl.radiometry import BOLTZMANN, LIGHT_SPEED, PLANCK
+from thzcl.reference import walk
 from thzcl.result import Cube
 from thzcl.scenario import Box, Scene
 
@@ -113,22 +114,6 @@ def ends(scene: Scene) -> Ends:
     return Ends(lengths.min(axis=0), kelvin, reflectivity)
 
 
-def walk(origin: Array, direction: Array, length: Array | float) -> tuple[NDArray[np.int64], Array]:
-    """Voxels crossed, (n, 3), and the length in each, (n,), in voxel edges.
-
-    Every crossing of every face is listed and sorted, so that nothing adds up; voxel i spans from i to i + 1.
-    """
-    cuts = [np.array([0.0, length])]
-    for start, step in zip(origin, direction, strict=True):
-        if step != 0:
-            low, high = np.floor(sorted((start, start + length * step))).astype(int)
-            cuts.append((np.arange(low, high + 1) - start) / step)
-    place = np.sort(np.concatenate(cuts))
-    place = place[(place >= 0) & (place <= length)]
-    middle = (place[1:] + place[:-1]) / 2
-    return np.floor(origin + middle[:, None] * direction).astype(np.int64), np.diff(place)
-
-
 def truth(scene: Scene, frequency_hz: Array, cube: Cube | None) -> Truth:
     """What the camera should see, through the saved cube or, without one, through uniform air."""
     stops, air_k = ends(scene), scene.atmosphere.temperature_k
@@ -146,30 +131,27 @@ def truth(scene: Scene, frequency_hz: Array, cube: Cube | None) -> Truth:
 
 def _through(scene: Scene, frequency_hz: Array, cube: Cube, stops: Ends, surface: Array) -> Truth:
     """O'Brien and Tofsted's equation (2), the mean air's radiance taken off every term."""
-    n, rays = cube.absolute_humidity_g_m3.shape[0], directions(scene)
+    n, rays = cube.absolute_humidity_g_m3.shape[0], directions(scene).reshape(-1, 3)
     fluctuations = scene.atmosphere.fluctuations
     rotation = ROTATIONS[fluctuations.grid_orientation if fluctuations else "aligned"]
-    origin = np.mod(rotation @ np.array(scene.camera.position_m) / cube.voxel_m, n)
-    seen = {at: walk(origin, rotation @ rays[at], stops.length_m[at] / cube.voxel_m) for at in np.ndindex(stops.length_m.shape)}
-    flat = {at: (cells % n) @ np.array([1, n, n * n]) for at, (cells, _) in seen.items()}
+    start = np.broadcast_to(np.mod(rotation @ np.array(scene.camera.position_m) / cube.voxel_m, n), rays.shape)
+    lengths, voxels = walk(start, rays @ rotation.T, stops.length_m.ravel(), cube.voxel_m, n)
     # Each voxel once, however many rays meet it.
-    met, where = np.unique(np.concatenate(list(flat.values())), return_inverse=True)
+    met, where = np.unique(voxels, return_inverse=True)
     air_k = scene.atmosphere.temperature_k
     kelvin = np.full(len(met), air_k) if cube.air_temperature_k is None else cube.air_temperature_k.ravel()[met]
     grams = cube.absolute_humidity_g_m3.ravel()[met].astype(np.float64)
     per_m = absorption(scene, frequency_hz[:, None], grams, kelvin)
-    source = planck_difference(frequency_hz[:, None], kelvin, air_k)
-    depth, contrast, low, high = (np.zeros(surface.shape) for _ in range(4))
-    starts = np.cumsum([0, *map(len, flat.values())])
-    for at, first, last in zip(seen, starts[:-1], starts[1:], strict=True):
-        own = where[first:last]
-        tau = per_m[:, own] * seen[at][1] * cube.voxel_m
-        before = np.cumsum(tau, axis=1) - tau
-        depth[:, *at] = tau.sum(axis=1)
-        emitted = (np.exp(-before) * -np.expm1(-tau) * source[:, own]).sum(axis=1)
-        contrast[:, *at] = emitted + np.exp(-depth[:, *at]) * surface[:, *at]
-        low[:, *at] = np.minimum(source[:, own].min(axis=1), surface[:, *at])
-        high[:, *at] = np.maximum(source[:, own].max(axis=1), surface[:, *at])
+    source = planck_difference(frequency_hz[:, None], kelvin, air_k)[:, where.reshape(voxels.shape)]
+    tau = per_m[:, where.reshape(voxels.shape)] * lengths
+    depth, behind = tau.sum(axis=2), surface.reshape(len(frequency_hz), -1)
+    emitted = (np.exp(tau - np.cumsum(tau, axis=2)) * -np.expm1(-tau) * source).sum(axis=2)
+    crossed = lengths > 0
+    low = np.minimum(np.where(crossed, source, np.inf).min(axis=2), behind)
+    high = np.maximum(np.where(crossed, source, -np.inf).max(axis=2), behind)
+    depth, contrast, low, high = (
+        plane.reshape(surface.shape) for plane in (depth, emitted + np.exp(-depth) * behind, low, high)
+    )
     return Truth(depth, surface, contrast, low, high, float(per_m.min()) * cube.voxel_m)
 
 
