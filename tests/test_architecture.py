@@ -14,7 +14,7 @@ FLOW = [
     "thzcl", "files", "linker", "clock", "absorption", "scenario", "radiometry", "bands", "sensor", "hookspecs", "plugins",
     "turbulence", "field_file", "texture", "geometry", "optics", "accuracy", "plan", "overview", "device", "field", "trace",
     "thinning", "compute", "develop", "exposure", "ensemble", "reference", "budget", "figure", "result", "checks", "pipeline",
-    "convergence", "newsensor", "printing", "doctor", "cli", "__main__",
+    "fluctuations", "convergence", "newsensor", "printing", "doctor", "cli", "__main__",
 ]  # fmt: skip
 STRANGERS = [
     ("field", "trace"),
