@@ -291,13 +291,15 @@ def convergence(
 def fluctuations(
     files: Annotated[list[Path], typer.Argument(metavar="FILE...", help="TOA5, CSV or GHG; several join where contiguous")],
     columns: Annotated[str, typer.Option(metavar="ROLE=NAME:UNIT,...", help="columns, where their names do not tell")] = "",
+    output: Annotated[Optional[Path], typer.Option("-o", "--output", metavar="DIR", help="draw figures there")] = None,
+    scene: Annotated[Optional[Path], typer.Option(metavar="OUT.toml", help="write a scene in this air, ready to run")] = None,
     how: HowToTell = RecordFormat.table,
 ) -> None:
     """Tell how humidity fluctuates in a hygrometer's record: spectrum, structure constants, scales."""
     from thzcl import printing
     from thzcl.fluctuations.study import study
 
-    found = study(files, columns)
+    found = study(files, columns, output, scene)
     if how is RecordFormat.json:
         print(json.dumps(found, indent=2))
     else:

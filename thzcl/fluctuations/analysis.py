@@ -97,7 +97,7 @@ class Analysis:
             "structure_constant_q_from_structure_function": self.structure_constant,
             "structure_function_range_m": list(self.structure_range_m),
             "agreement_percent": 100 * (self.structure_constant / constant - 1),
-            "noise_g2_m5": self.inertial.noise,
+            "noise_g2_per_m5": self.inertial.noise,
             "mean_temperature_k": None if record.temperature is None else float(np.nanmean(record.temperature)),
             "sigma_temperature_k": None if record.temperature is None else float(np.nanstd(record.temperature)),
             "pressure_hpa": record.pressure_hpa,

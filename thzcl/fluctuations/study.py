@@ -1,4 +1,4 @@
-"""What `thzcl fluctuations` does: records read and analysed."""
+"""What `thzcl fluctuations` does: records read and analysed, and what is written of them."""
 
 from __future__ import annotations
 
@@ -6,12 +6,25 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from thzcl.files import make_folder
 from thzcl.fluctuations import analysis, record
 
 
-def study(paths: Sequence[Path], columns: str = "") -> dict[str, Any]:
-    """The statistics of one record in one file or several, as printed; `columns` as in columns.find.
+def study(paths: Sequence[Path], columns: str = "", output: Path | None = None, scene: Path | None = None) -> dict[str, Any]:
+    """The statistics of one record in one file or several, as printed, with the files written.
 
-    Raises RecordError for files that hold no usable record.
+    `columns` as in columns.find; `output` is the folder for figures, `scene` the TOML file to write. Raises RecordError for
+    files that hold no usable record, OSError where nothing can be written.
     """
-    return analysis.analyse(record.load(paths, columns)).as_json()
+    found = analysis.analyse(record.load(paths, columns))
+    files: list[Path] = []
+    if output is not None:
+        from thzcl.fluctuations import figures
+
+        make_folder(output)
+        files += figures.write(found, output)
+    if scene is not None:
+        from thzcl.fluctuations import scene_file
+
+        files += scene_file.write(found, scene)
+    return found.as_json() | {"files": [str(file) for file in files]}
