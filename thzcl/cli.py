@@ -289,17 +289,22 @@ def convergence(
 
 @app.command()
 def fluctuations(
-    files: Annotated[list[Path], typer.Argument(metavar="FILE...", help="TOA5, CSV or GHG; several join where contiguous")],
+    files: Annotated[
+        Optional[list[Path]], typer.Argument(metavar="FILE...", help="TOA5, CSV or GHG; several join where contiguous")
+    ] = None,
     columns: Annotated[str, typer.Option(metavar="ROLE=NAME:UNIT,...", help="columns, where their names do not tell")] = "",
     output: Annotated[Optional[Path], typer.Option("-o", "--output", metavar="DIR", help="draw figures there")] = None,
     scene: Annotated[Optional[Path], typer.Option(metavar="OUT.toml", help="write a scene in this air, ready to run")] = None,
+    virtual: Annotated[str, typer.Option(metavar="SCENARIO", help="a record made in this scene's air, in place of files")] = "",
     how: HowToTell = RecordFormat.table,
 ) -> None:
     """Tell how humidity fluctuates in a hygrometer's record: spectrum, structure constants, scales."""
     from thzcl import printing
-    from thzcl.fluctuations.study import study
+    from thzcl.fluctuations.study import study, study_virtual
 
-    found = study(files, columns, output, scene)
+    if bool(files) == bool(virtual):
+        raise UsageError("give a hygrometer's FILE, or --virtual and a scenario")
+    found = study_virtual(virtual, output, scene) if virtual else study(files or [], columns, output, scene)
     if how is RecordFormat.json:
         print(json.dumps(found, indent=2))
     else:

@@ -17,6 +17,7 @@ Array = NDArray[np.float64]
 
 DOTS_PER_INCH = 130
 MOST_POINTS = 40_000  # of a line; beyond, means of several samples are drawn
+LOWEST = 1e-5  # of the line's end; a spectrum that breaks off has nothing to show below
 
 
 def write(analysis: Analysis, folder: Path) -> list[Path]:
@@ -94,7 +95,7 @@ def _spectra(analysis: Analysis, figure: Any) -> None:
     left.loglog(ends, found.line(ends), color="C3", lw=2, label=f"-5/3, C_q² = {found.structure_constant:.3g} g² m⁻⁶ m⁻²ᐟ³")
     slope = f"inertial range, slope {found.slope:.3f} ± {found.slope_uncertainty:.3f}"
     left.axvspan(*found.limits, color="C3", alpha=0.07, lw=0, label=slope)
-    left.set_ylim(batch.smoothed[1].min() / 10, batch.density.max() * 3)
+    left.set_ylim(max(batch.smoothed[1].min() / 10, float(found.line(ends)[1]) * LOWEST), batch.density.max() * 3)
     left.set(xlabel="spatial frequency / cycles/m", ylabel="one-sided density / (g/m³)² m")
     left.set_title("power spectrum", fontsize=10)
 

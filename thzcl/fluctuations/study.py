@@ -4,10 +4,25 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 from thzcl.files import make_folder
 from thzcl.fluctuations import analysis, record
+
+
+def study_virtual(source: str | Path, output: Path | None = None, scene: Path | None = None) -> dict[str, Any]:
+    """The same of a virtual hygrometer's record, of a scenario; kept in `output`, if that is given."""
+    from thzcl.fluctuations import virtual
+
+    with TemporaryDirectory() as passing:
+        folder = Path(passing) if output is None else output
+        make_folder(folder)
+        path = virtual.write(source, folder)
+        found = study([path], output=output, scene=scene)
+    if output is None:
+        return found | {"records": [f"a transect of {source}"]}
+    return found | {"files": [str(path), *found["files"]]}
 
 
 def study(paths: Sequence[Path], columns: str = "", output: Path | None = None, scene: Path | None = None) -> dict[str, Any]:
