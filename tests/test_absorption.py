@@ -9,7 +9,7 @@ import numpy as np
 import oracle
 import pytest
 
-from thzcl.absorption import Air, attenuation, fit, humidity
+from thzcl.absorption import Air, attenuation, fit, humidity, spectrum
 from thzcl.absorption.mpm93 import DB_KM_PER_INVERSE_METRE
 from thzcl.absorption.spectrum import values
 
@@ -154,3 +154,24 @@ def test_ranges_of_numbers_include_their_stop():
     for wrong in ("", "a", "1:2", "2:1:1", "1:2:0", "1:2:-1", "nan", "0:1e9:1e-3"):
         with pytest.raises(ValueError, match=r"is not a number|not finite"):
             values(wrong)
+
+
+def test_the_picture_runs_along_what_has_more_values(tmp_path, monkeypatch):
+    """The paper's figure 5, moist and dry on a log scale; the slides' attenuation against temperature."""
+    from matplotlib.figure import Figure
+
+    drawn = []
+    monkeypatch.setattr(Figure, "savefig", lambda figure, *_, **__: drawn.append(figure.axes[0]))
+    for ghz, kelvin in ((values("100:1000:10"), np.array([288.15])), (np.array([350.0, 650.0]), values("253:313:10"))):
+        spectrum.figure(spectrum.records(ghz, kelvin, 1013.25, "mpm93", "relative_humidity_percent", 50.0), tmp_path)
+    frequency, temperature = drawn
+    assert frequency.get_xlabel() == "frequency / GHz" and temperature.get_xlabel() == "temperature / K"
+    assert frequency.get_yscale() == temperature.get_yscale() == "log"
+    moist, dry = (line.get_ydata() for line in frequency.lines)
+    assert np.min(np.divide(moist, dry)) > 1
+    assert [text.get_text() for text in temperature.get_legend().get_texts()] == [
+        "350 GHz, 50 % RH",
+        "650 GHz, 50 % RH",
+        "dry part",
+    ]
+    assert all(np.all(np.diff(line.get_ydata()) > 0) for line in temperature.lines[::2])

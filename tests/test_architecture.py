@@ -14,7 +14,7 @@ FLOW = [
     "thzcl", "files", "linker", "clock", "absorption", "scenario", "radiometry", "bands", "sensor", "hookspecs", "plugins",
     "turbulence", "field_file", "texture", "geometry", "optics", "accuracy", "plan", "refraction", "overview", "device",
     "field", "trace", "thinning", "compute", "develop", "exposure", "ensemble", "reference", "budget", "figure", "result",
-    "checks", "pipeline", "convergence", "stress", "bench", "newsensor", "printing", "doctor", "cli", "__main__",
+    "checks", "pipeline", "fluctuations", "convergence", "stress", "bench", "newsensor", "printing", "doctor", "cli", "__main__",
 ]  # fmt: skip
 STRANGERS = [
     ("field", "trace"),

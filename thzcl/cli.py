@@ -44,6 +44,13 @@ class TableFormat(StrEnum):
     csv = "csv"
 
 
+class RecordFormat(StrEnum):
+    """How to print what a record tells."""
+
+    table = "table"
+    json = "json"
+
+
 Source = Annotated[str, typer.Argument(metavar="SCENARIO", help="a TOML file, a result (.nc), or the name of a shipped scene")]
 Settings = Annotated[
     Optional[list[str]], typer.Option("--set", metavar="TABLE.KEY=VALUE", help="change a key; may be repeated")
@@ -54,6 +61,7 @@ AllowOutside = Annotated[
     bool, typer.Option("--allow-outside", help="let pictures and tables lie outside the scenario's folder")
 ]
 HowToPrint = Annotated[Format, typer.Option("--format", help="how to print")]
+HowToTell = Annotated[RecordFormat, typer.Option("--format", help="how to print")]
 HowToTabulate = Annotated[TableFormat, typer.Option("--format", help="how to print")]
 
 
@@ -84,7 +92,15 @@ def _explained(error: Exception) -> int:
     if isinstance(error, OSError):
         place = f"{error.filename}: " if error.filename else ""
         return _complain([f"{place}{error.strerror or error}; choose another place, or make room"], 2)
-    codes = {"ScenarioError": 2, "PluginError": 2, "UsageError": 2, "DeviceError": 3, "NumbersError": 4, "SensorFailure": 4}
+    codes = {
+        "ScenarioError": 2,
+        "PluginError": 2,
+        "UsageError": 2,
+        "RecordError": 2,
+        "DeviceError": 3,
+        "NumbersError": 4,
+        "SensorFailure": 4,
+    }
     if type(error).__name__ not in codes:
         raise error
     return _complain(getattr(error, "problems", [str(error)]), codes[type(error).__name__])
@@ -325,6 +341,30 @@ def stress(device: DeviceChoice = None, how: HowToTabulate = TableFormat.table) 
     else:
         printing.stress(found)
     return _complain([f"{len(failed)} of {len(found)} cases failed: {', '.join(failed)}"], 4) if failed else 0
+
+
+@app.command()
+def fluctuations(
+    files: Annotated[
+        Optional[list[Path]], typer.Argument(metavar="FILE...", help="TOA5, CSV or GHG; several join where contiguous")
+    ] = None,
+    columns: Annotated[str, typer.Option(metavar="ROLE=NAME:UNIT,...", help="columns, where their names do not tell")] = "",
+    output: Annotated[Optional[Path], typer.Option("-o", "--output", metavar="DIR", help="draw figures there")] = None,
+    scene: Annotated[Optional[Path], typer.Option(metavar="OUT.toml", help="write a scene in this air, ready to run")] = None,
+    virtual: Annotated[str, typer.Option(metavar="SCENARIO", help="a record made in this scene's air, in place of files")] = "",
+    how: HowToTell = RecordFormat.table,
+) -> None:
+    """Tell how humidity fluctuates in a hygrometer's record: spectrum, structure constants, scales."""
+    from thzcl import printing
+    from thzcl.fluctuations.study import study, study_virtual
+
+    if bool(files) == bool(virtual):
+        raise UsageError("give a hygrometer's FILE, or --virtual and a scenario")
+    found = study_virtual(virtual, output, scene) if virtual else study(files or [], columns, output, scene)
+    if how is RecordFormat.json:
+        print(json.dumps(found, indent=2))
+    else:
+        printing.fluctuations(found)
 
 
 @app.command()

@@ -173,3 +173,43 @@ def stress(found: list[dict[str, Any]]) -> None:
         for case in found
     ]
     table("", ["case: what, arithmetic", "measured", "reference", "relative error", "bound", ""], rows)
+
+
+def fluctuations(found: dict[str, Any]) -> None:
+    """Prints what a hygrometer's record tells."""
+    low, high = found["inertial_range_cycles_per_m"]
+    near, far = found["structure_function_range_m"]
+    spikes = ", ".join(f"{count} in {name}" for name, count in found["spikes_by_column"].items() if count)
+    limits = " or ".join(f"{t['typical_steps']:g} (median of {t['median_of']})" for t in found["spike_thresholds"])
+    rows = [
+        ["samples", f"{found['samples']}", f"{found['rate_hz']:g} a second, {found['duration_s']:.6g} s"],
+        ["gaps", f"{found['gaps']}", f"{found['repeats']} repeated stamps, {found['out_of_order']} out of order"],
+        [
+            "spikes",
+            f"{found['spikes']}",
+            "; ".join(filter(None, [spikes, f"off the running median by {limits} typical steps"])),
+        ],
+        ["mean wind", f"{found['wind_speed_m_s']:.4g}", f"m/s, a wind run of {found['wind_run_m']:.5g} m"],
+        ["mean humidity", f"{found['mean_g_m3']:.5g}", "g/m3"],
+        ["sigma", f"{found['sigma_g_m3']:.4g}", f"g/m3, {found['sigma_percent']:.4g} % of the mean; before detrending"],
+        ["inertial range", f"{low:.3g} to {high:.3g}", "cycles/m"],
+        ["slope there", f"{found['slope']:.3f}", f"+- {found['slope_uncertainty']:.3f}; -1.667 by theory"],
+        ["C_q^2", f"{found['structure_constant_q']:.4g}", "g^2 m^-6 m^-2/3, of the spectrum"],
+        [
+            "C_q^2",
+            f"{found['structure_constant_q_from_structure_function']:.4g}",
+            f"of the structure function, {near:.3g} to {far:.3g} m: {found['agreement_percent']:+.1f} %",
+        ],
+        ["integral scale", f"{found['integral_scale_m']:.4g}", "m"],
+        ["outer scale", f"{found['outer_scale_m']:.4g}", "m, of a von Karman spectrum"],
+    ]
+    if found["structure_constant_t"] is not None:
+        rows += [
+            ["C_T^2", f"{found['structure_constant_t']:.4g}", "K^2 m^-2/3, of sonic temperature corrected for humidity"],
+            ["correlation", f"{found['correlation_tq']:.3f}", "of temperature and humidity"],
+        ]
+    table(", ".join(found["records"]), ["", "value", ""], rows)
+    for note in found["notes"]:
+        print(f"note: {note}")
+    for file in found.get("files", ()):
+        print(f"wrote {file}")

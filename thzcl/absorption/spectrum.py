@@ -25,6 +25,8 @@ COLUMNS = (
     "total_db_km",
     "total_per_m",
 )
+LABELS = {"frequency_ghz": "frequency / GHz", "temperature_k": "temperature / K"}
+MOST_NAMED = 12  # lines in a legend
 
 
 def values(text: str) -> Array:
@@ -80,26 +82,35 @@ def records(
 
 
 def figure(rows: list[dict[str, float]], path: Path) -> None:
-    """Writes a PNG: attenuation against frequency, or against temperature where there is but one frequency."""
+    """Writes a PNG of attenuation, moist and dry: along frequency or temperature, whichever has more values.
+
+    The paper's figure 5 is 100 to 1000 GHz at 288.15 K and 50 %.
+    """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    frequencies, temperatures = ({row[key] for row in rows} for key in ("frequency_ghz", "temperature_k"))
-    along, each = ("temperature_k", "frequency_ghz") if len(frequencies) == 1 < len(temperatures) else COLUMNS[:2]
-    labels = {"frequency_ghz": "frequency / GHz", "temperature_k": "temperature / K"}
+    frequencies, temperatures = ({row[key] for row in rows} for key in COLUMNS[:2])
+    along, each = COLUMNS[:2] if len(frequencies) >= len(temperatures) else COLUMNS[1::-1]
     picture = Figure(figsize=(8, 5), layout="constrained")
     FigureCanvasAgg(picture)
     axes = picture.subplots()
-    for value in sorted({row[each] for row in rows}):
+    lines = sorted({row[each] for row in rows})
+    for number, value in enumerate(lines):
         chosen = [row for row in rows if row[each] == value]
-        unit = "GHz" if each == "frequency_ghz" else "K"
-        moist = f"{chosen[0]['absolute_humidity_g_m3']:.3g} g/m³"
-        for key, name, style in (
-            ("total_db_km", f"{value:g} {unit}, {moist}", "-"),
-            ("dry_db_km", f"{value:g} {unit}, dry part", "--"),
-        ):
-            axes.plot([row[along] for row in chosen], [row[key] for row in chosen], style, label=name, linewidth=1.2)
-    axes.set(xlabel=labels[along], ylabel="specific attenuation / dB/km", yscale="log")
+        colour, label = f"C{number % 10}", f"{value:g} {'K' if each == 'temperature_k' else 'GHz'}, {_moisture(chosen)}"
+        x, moist, dry = ([row[key] for row in chosen] for key in (along, "total_db_km", "dry_db_km"))
+        axes.plot(x, moist, color=colour, label=label if number < MOST_NAMED else None, linewidth=1.2)
+        axes.plot(x, dry, "--", color=colour, label="dry part" if number == len(lines) - 1 else None, linewidth=1.2)
+    axes.set(xlabel=LABELS[along], ylabel="specific attenuation / dB/km", yscale="log")
+    axes.set_title(f"{rows[0]['pressure_hpa']:g} hPa", fontsize=10)
     axes.grid(alpha=0.3, which="both")
     axes.legend(fontsize=8)
     picture.savefig(path, dpi=150, format="png")
+
+
+def _moisture(rows: list[dict[str, float]]) -> str:
+    """The humidity that is the same in all of some rows, in words."""
+    units = {"relative_humidity_percent": "% RH", "absolute_humidity_g_m3": "g/m³", "vapour_pressure_hpa": "hPa of vapour"}
+    spreads = {key: np.ptp([row[key] for row in rows]) / max(rows[0][key], 1e-30) for key in units}
+    key = min(spreads, key=lambda key: float(spreads[key]) > 1e-9)
+    return f"{rows[0][key]:.3g} {units[key]}"
