@@ -13,8 +13,9 @@ from conftest import ROOT
 FLOW = [
     "thzcl", "files", "linker", "clock", "absorption", "scenario", "radiometry", "bands", "sensor", "hookspecs", "plugins",
     "turbulence", "field_file", "texture", "geometry", "optics", "accuracy", "plan", "refraction", "overview", "device",
-    "field", "trace", "thinning", "compute", "develop", "exposure", "ensemble", "reference", "budget", "figure", "result",
-    "checks", "pipeline", "fluctuations", "convergence", "stress", "bench", "newsensor", "printing", "doctor", "cli", "__main__",
+    "field", "trace", "emission", "thinning", "compute", "develop", "exposure", "ensemble", "reference", "budget", "figure",
+    "result", "checks", "pipeline", "fluctuations", "convergence", "stress", "bench", "newsensor", "printing", "doctor",
+    "options", "cli", "__main__",
 ]  # fmt: skip
 STRANGERS = [
     ("field", "trace"),

@@ -5,11 +5,26 @@ from __future__ import annotations
 import json
 import sys
 import time
-from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Optional
 
 import typer
+
+from thzcl.options import (
+    AllowOutside,
+    DeviceChoice,
+    Format,
+    HowToPrint,
+    HowToTabulate,
+    HowToTell,
+    RecordFormat,
+    Settings,
+    Source,
+    TableFormat,
+    UsageError,
+    Variants,
+    changes,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -23,46 +38,6 @@ app = typer.Typer(
 )
 INTERRUPTED = 130
 _USAGE_ERROR: Any = typer.BadParameter.__mro__[2]  # ClickException, wherever this typer keeps it
-
-
-class UsageError(Exception):
-    """The command line makes no sense; the text says why and what would."""
-
-
-class Format(StrEnum):
-    """How to print."""
-
-    text = "text"
-    json = "json"
-
-
-class TableFormat(StrEnum):
-    """How to print a table."""
-
-    table = "table"
-    json = "json"
-    csv = "csv"
-
-
-class RecordFormat(StrEnum):
-    """How to print what a record tells."""
-
-    table = "table"
-    json = "json"
-
-
-Source = Annotated[str, typer.Argument(metavar="SCENARIO", help="a TOML file, a result (.nc), or the name of a shipped scene")]
-Settings = Annotated[
-    Optional[list[str]], typer.Option("--set", metavar="TABLE.KEY=VALUE", help="change a key; may be repeated")
-]
-Variants = Annotated[Optional[list[str]], typer.Option("--variant", metavar="NAME", help="only this variant; may be repeated")]
-DeviceChoice = Annotated[Optional[str], typer.Option("--device", metavar="D", help="device: a number, or part of its name")]
-AllowOutside = Annotated[
-    bool, typer.Option("--allow-outside", help="let pictures and tables lie outside the scenario's folder")
-]
-HowToPrint = Annotated[Format, typer.Option("--format", help="how to print")]
-HowToTell = Annotated[RecordFormat, typer.Option("--format", help="how to print")]
-HowToTabulate = Annotated[TableFormat, typer.Option("--format", help="how to print")]
 
 
 def entry(arguments: list[str]) -> int:
@@ -112,22 +87,6 @@ def _complain(lines: Iterable[str], code: int) -> int:
     return code
 
 
-def _changes(given: list[str] | None) -> dict[str, Any]:
-    """`--set` options as dotted keys and TOML values; what is not TOML is text."""
-    import tomli
-
-    found: dict[str, Any] = {}
-    for item in given or []:
-        name, equals, text = item.partition("=")
-        if not equals or not name.strip():
-            raise UsageError(f"--set {item}: write table.key=value, as in --set targets.box.temperature_k=290")
-        try:
-            found[name.strip()] = tomli.loads(f"value = {text}")["value"]
-        except tomli.TOMLDecodeError:
-            found[name.strip()] = text
-    return found
-
-
 @app.command()
 def run(
     scenario: Source,
@@ -152,7 +111,7 @@ def run(
         try:
             result = pipeline.run(
                 scenario,
-                settings=_changes(settings),
+                settings=changes(settings),
                 variants=variant or (),
                 device=device,
                 figure=not no_figure,
@@ -184,7 +143,7 @@ def check(scenario: Source, settings: Settings = None, variant: Variants = None,
     """Validate a scenario, and report every problem at once."""
     from thzcl import pipeline
 
-    found = pipeline.prepare(scenario, _changes(settings), variant or (), allow_outside=allow_outside)
+    found = pipeline.prepare(scenario, changes(settings), variant or (), allow_outside=allow_outside)
     print(f"{found.scenario.name}: sound, {len(found.variants)} image{'s' * (len(found.variants) > 1)}")
 
 
@@ -199,7 +158,7 @@ def plan(
     """Show which stages a scenario needs, which are left out and why, memory and work; compute nothing."""
     from thzcl import overview, pipeline, printing
 
-    found = overview.as_json(pipeline.prepare(scenario, _changes(settings), variant or (), allow_outside=allow_outside))
+    found = overview.as_json(pipeline.prepare(scenario, changes(settings), variant or (), allow_outside=allow_outside))
     if how is Format.json:
         print(json.dumps(found, indent=2))
     else:
@@ -223,7 +182,7 @@ def bench(
     with printing.progress(quiet=False) as progress:
         found = benchmark.bench(
             scenario,
-            settings=_changes(settings),
+            settings=changes(settings),
             variants=variant or (),
             device=device,
             allow_outside=allow_outside,
@@ -312,7 +271,7 @@ def convergence(
     from thzcl.device import open_device
     from thzcl.files import make_folder
 
-    subject = Subject(scenario, _changes(settings), variant or (), open_device(device), allow_outside)
+    subject = Subject(scenario, changes(settings), variant or (), open_device(device), allow_outside)
     wanted = [name.strip() for name in knobs.split(",") if name.strip()]
     make_folder(output)
     with printing.progress(quiet=False) as progress:

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from thzcl import emission, thinning, trace
 from thzcl import field as fields
-from thzcl import thinning, trace
 from thzcl.absorption import Surrogate, fit
 from thzcl.absorption.surrogate import HIGHEST_DEGREE
 from thzcl.accuracy import sources
@@ -162,8 +162,8 @@ def _emission(device: Device, group: Group, surrogate: Surrogate, media: list[Me
     found: list[tuple[Paths, Shaded]] = []
     for stage, ends, medium in zip(("path-emission", "outgoing-path"), _ways(lines), media, strict=False):
         with clock.stage(stage):
-            tables = trace.emitting(surrogate, medium.temperature_span, table, variant.precision, path=path)
-            found.append(trace.trace_emission(device, ends, medium, tables, cutoff, variant.precision))
+            tables = emission.emitting(surrogate, medium.temperature_span, table, variant.precision, path=path)
+            found.append(emission.trace_emission(device, ends, medium, tables, cutoff, variant.precision))
             device.finish()
     with clock.stage("shading"):
         depths = [shaded.depth.host() for _, shaded in found]
