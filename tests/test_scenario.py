@@ -80,7 +80,7 @@ SINGLE = {
     "not a number": ({"atmosphere__temperature_k": float("nan")}, "[atmosphere] temperature_k: must be a finite number"),
     "pressure": ({"atmosphere__pressure_hpa": 10.0}, "makes a vapour pressure of 13.4 hPa, more than the total of 10 hPa"),
     "outer scale": ({"atmosphere__fluctuations__spectrum": "von-karman"}, 'spectrum = "von-karman" needs outer_scale_m'),
-    "spectrum": ({"atmosphere__fluctuations__spectrum": "kolmogorof"}, "must be 'kolmogorov', 'von-karman' or 'file'"),
+    "spectrum": ({"atmosphere__fluctuations__spectrum": "kolmogorof"}, "must be 'kolmogorov', 'von-karman', 'table' or 'file'"),
     "no sensor of that name": ({"sensor__kind": "passive-spectrl"}, 'no sensor "passive-spectrl" is installed (did you mean'),
     "ground temperature": ({"ground__temperature_k": None}, "[ground] temperature_k: missing; a passive sensor sees"),
     "no frequency": ({"sensor__frequency_ghz": None}, "[sensor] frequency_ghz: missing: frequency"),

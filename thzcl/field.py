@@ -11,7 +11,7 @@ import numpy as np
 from thzcl import field_file
 from thzcl.device import Buffer, Device, Program
 from thzcl.field_file import CubeFile
-from thzcl.turbulence import Turbulence, spectral_amplitude, variance
+from thzcl.turbulence import Turbulence, spectral_amplitude
 
 Span = tuple[float, float]
 
@@ -52,7 +52,7 @@ def generate(
     full = two or library == "reikna" or not device.in_place
     program = device.build(("field",), "float32", (f"TWO_FIELDS={int(full)}",))
     humidity, second = _gaussians(device, program, turbulence, full, library)
-    expected = math.sqrt(variance(turbulence.grid, turbulence.voxel_m, turbulence.outer_scale_m))
+    expected = math.sqrt(turbulence.unit_variance)
     items = turbulence.grid**3 // device.lanes("float32")
 
     offset, temperature_span = None, (0.0, 0.0)
@@ -76,7 +76,7 @@ def generate(
 def _gaussians(device: Device, program: Program, t: Turbulence, full: bool, library: str | None) -> tuple[Buffer, Buffer]:
     """Two independent cubes from one full transform, or the first of them, twice, from a half one."""
     n = t.grid
-    amplitude = device.put(spectral_amplitude(n, t.voxel_m, t.outer_scale_m) * n**3, np.float32)
+    amplitude = device.put(spectral_amplitude(n, t.voxel_m, t.outer_scale_m, t.table) * n**3, np.float32)
     seed = np.array((t.seed & 0xFFFFFFFF, t.seed >> 32), dtype=np.uint32)
     spectrum = device.empty((n, n, n if full else n // 2 + 1), np.complex64)
     packets = n // 2 // device.lanes("float32") + 1

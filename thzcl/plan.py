@@ -10,13 +10,12 @@ import math
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
-from pathlib import Path
 from typing import TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from thzcl import accuracy, bands, field_file, files, geometry, optics, plugins, radiometry
+from thzcl import accuracy, bands, field_file, files, geometry, optics, plugins, radiometry, spectrum_table
 from thzcl.absorption import Air, Surrogate, fit
 from thzcl.absorption.mpm93 import REFUSED_ABOVE_GHZ, line_centers_ghz, line_width_ghz
 from thzcl.accuracy import Accuracy, AirAlong, Rays
@@ -260,7 +259,7 @@ def _plan_variant(scenario: Scenario, name: str, scene: Scene, sensor: Sensor) -
     air = scene.atmosphere.air
     try:
         shape, surfaces = geometry.geometry(scene, scenario.locate, plain)
-        field = _plan_field(scenario.folder, scene, air)
+        field = _plan_field(scenario, scene, air)
     except ValueError as error:
         raise PlanError(f"{scenario.name}: {error}") from None
     needs = _needs(sensor, _view(scene, air, shape, scenario), scenario.name)
@@ -347,15 +346,18 @@ def _view(scene: Scene, air: Air, shape: Geometry, scenario: Scenario) -> View:
     return View(pixels, angles, air.temperature_k, paths, air.absorption, lines_hz, width_hz, read, tolerance)
 
 
-def _plan_field(folder: Path, scene: Scene, air: Air) -> FieldPlan | None:
+def _plan_field(scenario: Scenario, scene: Scene, air: Air) -> FieldPlan | None:
     """The cube, or None where nothing that matters fluctuates."""
     if air.model == "none":
         return None
     fluctuations = scene.atmosphere.fluctuations
+    table = None
     if fluctuations is not None and fluctuations.file is not None:
-        cube = field_file.inspect(folder / fluctuations.file, fluctuations.voxel_m)
-        return FieldPlan(cube, air.most_vapour, (air.absolute_humidity_g_m3, air.temperature_k))
-    source = turbulence(scene.atmosphere)
+        if fluctuations.spectrum == "file":
+            cube = field_file.inspect(scenario.folder / fluctuations.file, fluctuations.voxel_m)
+            return FieldPlan(cube, air.most_vapour, (air.absolute_humidity_g_m3, air.temperature_k))
+        table = spectrum_table.read(scenario.locate(fluctuations.file))
+    source = turbulence(scene.atmosphere, table)
     if source is None or not (source.temperature_fluctuates or (source.sigma > 0 and air.absolute_humidity_g_m3 > 0)):
         return None
     # Only where the ceiling is within reach does it tell apart the cubes of two climates.

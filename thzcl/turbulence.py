@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from thzcl.scenario.scene import Atmosphere, Fluctuations
+from thzcl.spectrum_table import SpectrumTable
 
 Array = NDArray[np.float64]
 
@@ -41,6 +42,12 @@ class Turbulence:
     temperature_sigma_k: float
     temperature_exact: bool
     correlation: float
+    table: SpectrumTable | None = None  # in the place of Kolmogorov's spectrum
+
+    @property
+    def unit_variance(self) -> float:
+        """Expected variance of the cube's field for C^2 = 1."""
+        return variance(self.grid, self.voxel_m, self.outer_scale_m, self.table)
 
     @property
     def period_m(self) -> float:
@@ -54,14 +61,12 @@ class Turbulence:
 
     def structure_constants(self, mean_g_m3: float) -> tuple[float, float]:
         """C_q^2 in g^2 m^-6 m^(-2/3) and C_T^2 in K^2 m^(-2/3)."""
-        unit = variance(self.grid, self.voxel_m, self.outer_scale_m)
-        return (self.sigma * mean_g_m3) ** 2 / unit, self.temperature_sigma_k**2 / unit
+        return (self.sigma * mean_g_m3) ** 2 / self.unit_variance, self.temperature_sigma_k**2 / self.unit_variance
 
     def neighbour_difference(self) -> float:
         """Expected square of the difference of delta between neighbouring voxels."""
         # Of the C^2 r^(2/3) of open air the periodic cube has 0.48 at one voxel; with an outer scale, no more.
-        unit = variance(self.grid, self.voxel_m, self.outer_scale_m)
-        return min(0.48 * self.sigma**2 / unit * math.pow(self.voxel_m, 2 / 3), 2 * self.sigma**2)
+        return min(0.48 * self.sigma**2 / self.unit_variance * math.pow(self.voxel_m, 2 / 3), 2 * self.sigma**2)
 
     def humidity_span(self) -> tuple[float, float]:
         """The range of delta that a cube leaves with probability 1e-6."""
@@ -86,17 +91,21 @@ class Turbulence:
         return high
 
 
-def turbulence(atmosphere: Atmosphere) -> Turbulence | None:
-    """The fluctuations that an [atmosphere] asks to be generated; None for uniform air or a cube from a file."""
+def turbulence(atmosphere: Atmosphere, table: SpectrumTable | None = None) -> Turbulence | None:
+    """The fluctuations that an [atmosphere] asks to be generated; None for uniform air or a cube from a file.
+
+    `table` is the measured spectrum that it names, if it does.
+    """
     f = atmosphere.fluctuations
     if f is None or f.spectrum == "file" or f.voxel_m is None or f.seed is None:
         return None
-    unit = variance(f.grid, f.voxel_m, f.outer_scale_m)
+    unit = variance(f.grid, f.voxel_m, f.outer_scale_m, table)
     mean = atmosphere.air.absolute_humidity_g_m3
     if f.sigma_percent is not None:
         sigma = f.sigma_percent / 100
     else:
-        sigma = math.sqrt((f.structure_constant_q or 0.0) * unit) / mean if mean > 0 else 0.0
+        constant = table.structure_constant if table else f.structure_constant_q or 0.0
+        sigma = math.sqrt(constant * unit) / mean if mean > 0 else 0.0
     temperature = f.temperature_sigma_k
     return Turbulence(
         grid=f.grid,
@@ -109,6 +118,7 @@ def turbulence(atmosphere: Atmosphere) -> Turbulence | None:
         temperature_sigma_k=math.sqrt((f.structure_constant_t or 0.0) * unit) if temperature is None else temperature,
         temperature_exact=temperature is not None,
         correlation=f.correlation_tq,
+        table=table,
     )
 
 
@@ -116,7 +126,7 @@ def _lognormal(f: Fluctuations, sigma: float) -> bool:
     return f.distribution == "lognormal" or (f.distribution == "auto" and sigma >= LOGNORMAL_FROM)
 
 
-def spectral_amplitude(grid: int, voxel_m: float, outer_scale_m: float | None) -> Array:
+def spectral_amplitude(grid: int, voxel_m: float, outer_scale_m: float | None, table: SpectrumTable | None = None) -> Array:
     """sqrt(Psi dxi^3) for C^2 = 1 at each squared wave number in units of the lowest, 0 ... 3 (grid/2)^2; 0 at 0.
 
     On a cubic grid the squared wave number is a whole number, so that one table serves every spectrum.
@@ -126,15 +136,19 @@ def spectral_amplitude(grid: int, voxel_m: float, outer_scale_m: float | None) -
     if outer_scale_m is not None:
         xi2 = xi2 + 1 / outer_scale_m**2
     amplitude = np.zeros(len(xi2))
-    amplitude[1:] = np.sqrt(KOLMOGOROV * xi2[1:] ** (-11 / 6) * lowest**3)
+    if table is None:
+        psi = KOLMOGOROV * xi2[1:] ** (-11 / 6)
+    else:
+        psi = table.density_in_space(np.sqrt(xi2[1:])) / table.structure_constant
+    amplitude[1:] = np.sqrt(psi * lowest**3)
     return amplitude
 
 
-def variance(grid: int, voxel_m: float, outer_scale_m: float | None) -> float:
+def variance(grid: int, voxel_m: float, outer_scale_m: float | None, table: SpectrumTable | None = None) -> float:
     """Expected variance of the periodic cube's field for C^2 = 1: the sum of Psi dxi^3 over its wave vectors."""
     axis = np.fft.fftfreq(grid, 1 / grid).astype(np.int64) ** 2
     plane = np.bincount((axis[:, None] + axis[None, :]).ravel())
     count = np.zeros(3 * (grid // 2) ** 2 + 1)
     for square, times in zip(*np.unique(axis, return_counts=True), strict=True):
         count[square : square + len(plane)] += times * plane
-    return float(count @ spectral_amplitude(grid, voxel_m, outer_scale_m) ** 2)
+    return float(count @ spectral_amplitude(grid, voxel_m, outer_scale_m, table) ** 2)

@@ -14,6 +14,7 @@ from thzcl.fluctuations import inertial
 from thzcl.fluctuations.columns import RecordError
 from thzcl.fluctuations.inertial import Binned, Inertial
 from thzcl.fluctuations.record import SLOWEST_M_S, SPIKES, Record
+from thzcl.turbulence import KOLMOGOROV
 
 Array = NDArray[np.float64]
 
@@ -23,7 +24,7 @@ SMOOTHED_OVER = 5  # points of a periodogram, as in the paper
 LAGS = 60
 GUSTY = 0.5  # turbulence intensity above which Taylor's hypothesis is doubtful
 VON_KARMAN_VARIANCE = (  # of C^2 L0^(2/3): 2 pi KOLMOGOROV B(3/2, 1/3)
-    2 * math.pi * 9.693496e-3 * math.gamma(1.5) * math.gamma(1 / 3) / math.gamma(11 / 6)
+    2 * math.pi * KOLMOGOROV * math.gamma(1.5) * math.gamma(1 / 3) / math.gamma(11 / 6)
 )
 
 

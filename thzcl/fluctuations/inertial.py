@@ -15,11 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from thzcl.fluctuations.columns import RecordError
+from thzcl.spectrum_table import KOLMOGOROV_ALONG as ONE_SIDED_CYCLES
 
 Array = NDArray[np.float64]
 
-TWO_SIDED_RADIANS = math.gamma(5 / 3) * math.sin(math.pi / 3) / (2 * math.pi)  # 0.1244
-ONE_SIDED_CYCLES = 2 * TWO_SIDED_RADIANS * (2 * math.pi) ** (-2 / 3)
 BINS_PER_DECADE = 12
 FEWEST_IN_BIN = 8  # periodogram values
 HANN_CORRELATION = 35 / 18  # neighbours of a Hann-windowed periodogram share information: 1 + 2 (4/9 + 1/36)

@@ -42,11 +42,16 @@ class Camera(Table):
 class Fluctuations(Table):
     """Turbulent fluctuations of humidity, and of temperature where a sigma or structure constant is given for it."""
 
-    exactly_one: ClassVar = (("sigma_percent", "structure_constant_q", "file"),)
-    at_most_one: ClassVar = (("temperature_sigma_k", "structure_constant_t"),)
+    at_most_one: ClassVar = (("sigma_percent", "structure_constant_q"), ("temperature_sigma_k", "structure_constant_t"))
 
-    spectrum: Literal["kolmogorov", "von-karman", "file"] = key("kolmogorov", help='power spectrum; "file" reads a cube')
-    file: str | None = key(None, help="NetCDF file with absolute_humidity(z, y, x) in g/m3")
+    spectrum: Literal["kolmogorov", "von-karman", "table", "file"] = key(
+        "kolmogorov", help='power spectrum; "table" reads a measured one, "file" a whole cube'
+    )
+    file: str | None = key(
+        None,
+        help="NetCDF file with absolute_humidity(z, y, x) in g/m3; or, for a table, CSV of spatial frequency in cycles/m and "
+        "one-sided density along a line in (g/m3)^2 m",
+    )
     sigma_percent: float | None = key(None, ge=0, le=300, unit="%", help="standard deviation of humidity over its mean")
     structure_constant_q: float | None = key(
         None, ge=0, unit="g^2 m^-6 m^-2/3", help="C_q^2: the structure function of humidity is C_q^2 r^(2/3)"
@@ -72,13 +77,25 @@ class Fluctuations(Table):
             found.append(Trouble((), 'spectrum = "von-karman" needs outer_scale_m'))
         if self.spectrum != "von-karman" and self.outer_scale_m is not None:
             found.append(Trouble(("outer_scale_m",), 'is used by spectrum = "von-karman" only; remove it or change spectrum'))
-        if (self.spectrum == "file") != (self.file is not None):
-            found.append(Trouble(("spectrum",), 'spectrum = "file" and file = "..." go together'))
+        if (self.spectrum in ("file", "table")) != (self.file is not None):
+            found.append(Trouble(("spectrum",), 'spectrum = "file" or "table" and file = "..." go together'))
+        found += self._size_troubles()
         if self.spectrum == "file" and (self.temperature_sigma_k or self.structure_constant_t):
             found.append(Trouble(("spectrum",), "a cube from a file brings its own temperature (air_temperature) or none"))
         if self.spectrum != "file" and self.voxel_m is None:
             found.append(Trouble((), "needs voxel_m, the edge of a voxel in m"))
         return found
+
+    def _size_troubles(self) -> list[Trouble]:
+        """How much humidity fluctuates: a cube says it itself, and so does a table unless it is rescaled."""
+        given = [name for name in ("sigma_percent", "structure_constant_q") if getattr(self, name) is not None]
+        if self.spectrum == "file" and given:
+            return [Trouble((given[0],), "is given by the cube; remove it")]
+        if self.spectrum == "table" and "structure_constant_q" in given:
+            return [Trouble(("structure_constant_q",), "is given by the table; remove it, or rescale with sigma_percent")]
+        if self.spectrum not in ("file", "table") and not given and self.file is None:
+            return [Trouble((), "needs one of sigma_percent, structure_constant_q or file")]
+        return []
 
 
 class Atmosphere(Table):
