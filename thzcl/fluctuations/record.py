@@ -207,7 +207,7 @@ def _clock(joined: _Joined) -> tuple[float, NDArray[np.int64]]:
         at = int(np.argmax(steps))
         text = f"{place[-1] + 1 - len(place)} of {place[-1] + 1} samples are missing, {steps[at]:.6g} s of them before here"
         raise RecordError(f"{joined.place(at + 1)}: {text}; expected {100 * (1 - MOST_MISSING):g} % of them")
-    return round(1 / step, 6), np.unique(place)
+    return round(1 / step, 6), place[np.diff(place, prepend=-1) > 0]
 
 
 def _even(joined: _Joined, role: str, index: NDArray[np.int64]) -> Array:
