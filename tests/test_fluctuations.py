@@ -212,3 +212,17 @@ def test_batches_of_an_hour_share_one_spectrum(tmp_path):
 def test_without_temperature_there_is_none(thzcl_json, tmp_path):
     found = thzcl_json("fluctuations", synthetic(tmp_path / "a.csv", 0)[0])
     assert found["correlation_tq"] is found["structure_constant_t"] is None
+
+
+def test_a_speed_and_flags_for_what_is_missing(tmp_path):
+    """-9999 is a gap, blank lines end a file, units stand in brackets; of a speed without direction it is told what it means."""
+    time, grams, x, y = np.loadtxt(synthetic(tmp_path / "a.csv", 2, gaps=0, spikes=0)[0], delimiter=",", skiprows=1).T
+    grams[100:110] = -9999 * 0.01801528
+    named = {"Time (s)": time, "H2O (mmol/m3)": grams / 0.01801528, "wind_speed": np.hypot(x, y)}
+    path = hygrometer.write_csv(tmp_path / "b.csv", named)
+    path.write_text(path.read_text() + "\n\n")
+    found = study([path])
+    assert (found["samples"], found["gaps"]) == (18000, 10)
+    assert found["structure_constant_q"] == pytest.approx(0.2, rel=0.2)
+    assert any("speed without direction" in note for note in found["notes"])
+    assert "column wind_speed names no unit: taken as m/s" in found["notes"]

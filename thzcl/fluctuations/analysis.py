@@ -69,9 +69,8 @@ class Analysis:
 
     def as_json(self) -> dict[str, Any]:
         """As `thzcl fluctuations --format json` prints it."""
-        record, mean = self.record, float(np.nanmean(self.record.humidity))
-        sigma = float(np.nanstd(record.humidity))
-        constant = self.inertial.structure_constant
+        record, constant = self.record, self.inertial.structure_constant
+        mean, sigma = float(np.nanmean(record.humidity)), float(np.nanstd(record.humidity))
         return {
             "records": list(record.files),
             "samples": record.samples,

@@ -7,9 +7,9 @@ import io
 import re
 import zipfile
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
-from itertools import islice
+from itertools import chain, islice
 from pathlib import Path
 from typing import TextIO
 
@@ -20,7 +20,7 @@ from thzcl.fluctuations.columns import Column, RecordError, find
 
 Array = NDArray[np.float64]
 
-ROWS_AT_ONCE = 65_536
+LINES_AT_ONCE = 16_384
 LICOR_HEADER_LINES = 100  # at most, before DATAH
 MISSING = frozenset(("", "nan", "na", "n/a", "null", "none", "-"))
 NO_VALUE = -9998.0  # loggers write -9999 for what they could not measure
@@ -59,17 +59,9 @@ def read(path: Path, chosen: str = "") -> Rows:
         with _opened(path) as stream:
             layout, first = _layout(path, stream)
             columns = find(layout.names, layout.units, chosen, f"{path}:{layout.header_line}")
-            reader = csv.reader(stream, delimiter=layout.delimiter)
-            return _rows(layout, columns, _chain(first, reader, layout.delimiter))
+            return _rows(layout, columns, chain([first] if first.strip() else [], stream))
     except csv.Error as error:
         raise RecordError(f"{path}: not a table of text ({error}); expected rows of numbers with a header") from None
-
-
-def _chain(first: str, reader: Iterator[list[str]], delimiter: str) -> Iterator[list[str]]:
-    """A line read ahead, and the rest."""
-    if first.strip():
-        yield next(csv.reader([first], delimiter=delimiter))
-    yield from reader
 
 
 @contextmanager
@@ -114,9 +106,7 @@ def _layout(path: Path, stream: TextIO) -> tuple[Layout, str]:
     while line.startswith("#"):
         line, number = stream.readline(), number + 1
     names = next(csv.reader([line]), [])
-    if len(names) < 3:
-        other = next((name for mark, name in ((";", "semicolons"), ("\t", "tabs"), ("|", "bars")) if mark in line), "no commas")
-        raise RecordError(f"{path}:{number}: column 1: expected names of columns with commas between them; found {other}")
+    _check_commas(path, number, names)
     if not any(re.search("[A-Za-z]{1,}", name) for name in names) or _is_data(names):
         raise RecordError(f"{path}:{number}: column 1: expected a header with the names of the columns; found data")
     following = stream.readline()
@@ -124,6 +114,14 @@ def _layout(path: Path, stream: TextIO) -> tuple[Layout, str]:
     units, first = (tuple(cells), "") if cells and _are_units(cells) else (("",) * len(names), following)
     start = number + 1 + (not first)
     return _whole(Layout(path, "", tuple(name.strip() for name in names), units, ",", number, start)), first
+
+
+def _check_commas(path: Path, number: int, names: Sequence[str]) -> None:
+    """Raises RecordError for a line of names that is not split by commas."""
+    if len(names) < 3:
+        others = {";": "semicolons", "\t": "tabs", "|": "bars"}
+        found = next((name for mark, name in others.items() if mark in "".join(names)), "no commas")
+        raise RecordError(f"{path}:{number}: column 1: expected names of columns with commas between them; found {found}")
 
 
 def _is_data(cells: Sequence[str]) -> bool:
@@ -138,6 +136,7 @@ def _are_units(cells: Sequence[str]) -> bool:
 def _campbell(path: Path, first: str, stream: TextIO) -> Layout:
     station = " ".join(next(csv.reader([first]))[1:4:2])  # its name and its logger's serial number
     names, units, _ = (next(csv.reader([stream.readline()]), []) for _ in range(3))
+    _check_commas(path, 2, names)
     return _whole(Layout(path, station, tuple(names), tuple(units), ",", 2, 5))
 
 
@@ -160,20 +159,22 @@ def _whole(layout: Layout) -> Layout:
     return layout
 
 
-def _rows(layout: Layout, columns: dict[str, Column], rows: Iterator[list[str]]) -> Rows:
+def _rows(layout: Layout, columns: dict[str, Column], lines: Iterator[str]) -> Rows:
     parts: dict[str, list[Array]] = {role: [] for role in columns}
     dated, line = False, layout.first_line
-    while chunk := list(islice(rows, ROWS_AT_ONCE)):
-        by_column = _transposed(layout, chunk, line)
-        for role, column in columns.items():
-            cells = by_column[column.at]
-            if role == "time" and (dated or _number(cells[0]) is None):
+    while chunk := list(islice(lines, LINES_AT_ONCE)):
+        count = len(chunk)
+        while chunk and not chunk[-1].strip():
+            chunk.pop()
+        for role, (cells, numbers) in _cells(layout, columns, chunk, line).items():
+            if role == "time" and cells is not None and (dated or _number(cells[0]) is None):
                 dated = True
-                parts[role].append(_dates(layout, column, cells, line))
+                parts[role].append(_dates(layout, columns[role], cells, line))
             else:
-                parts[role].append(column.factor * _numbers(layout, column, cells, line) + column.offset)
-        line += len(chunk)
-    if line == layout.first_line:
+                found = _numbers(layout, columns[role], cells or (), line) if numbers is None else _present(numbers)
+                parts[role].append(columns[role].factor * found + columns[role].offset)
+        line += count
+    if not parts["time"]:
         names = ", ".join(column.name for column in columns.values())
         raise RecordError(f"{layout.path}:{line}: empty below its header; expected rows with {names}")
     values = {role: np.concatenate(found) for role, found in parts.items()}
@@ -181,10 +182,29 @@ def _rows(layout: Layout, columns: dict[str, Column], rows: Iterator[list[str]])
     return Rows(layout, columns, time_s, values, dated or "nanoseconds" in columns)
 
 
+def _cells(
+    layout: Layout, columns: dict[str, Column], chunk: list[str], line: int
+) -> dict[str, tuple[Sequence[str] | None, Array | None]]:
+    """By role the cells of some lines, or their numbers where all columns but time's hold nothing else."""
+    if not chunk:
+        return {}
+    numeric = [role for role in columns if role != "time"]
+    if {text.count(layout.delimiter) for text in chunk} == {len(layout.names) - 1}:
+        used = [columns[role].at for role in numeric]
+        with suppress(ValueError):  # text among the numbers; what it says is looked at below
+            read = np.loadtxt(chunk, delimiter=layout.delimiter, usecols=used, comments=None, quotechar='"', ndmin=2)
+            if len(read) == len(chunk):
+                at = columns["time"].at
+                stamps = [text.split(layout.delimiter, at + 1)[at].strip().strip('"') for text in chunk]
+                return {"time": (stamps, None)} | {role: (None, read[:, n]) for n, role in enumerate(numeric)}
+    by_column = _transposed(layout, list(csv.reader(chunk, delimiter=layout.delimiter)), line)
+    return {role: (by_column[column.at], None) for role, column in columns.items()}
+
+
 def _transposed(layout: Layout, chunk: list[list[str]], line: int) -> list[tuple[str, ...]]:
     """The cells by column. Raises RecordError naming a row of another length than the header."""
     wanted = len(layout.names)
-    if any(len(row) != wanted for row in chunk):
+    if set(map(len, chunk)) != {wanted}:
         at, row = next((at, row) for at, row in enumerate(chunk) if len(row) != wanted)
         reason = "a row cut short?" if len(row) < wanted else "a comma for a decimal point? expected numbers with points"
         text = f"{len(row)} columns, expected the header's {wanted}; {reason}"
@@ -203,7 +223,12 @@ def _numbers(layout: Layout, column: Column, cells: Sequence[str], line: int) ->
             text = f'"{cells[at][:40]}" is not a number; expected one with a decimal point'
             raise RecordError(f"{layout.path}:{line + at}: column {column.name}: {text}") from None
         found = np.array(numbers, dtype=np.float64)
-    return np.where(np.isfinite(found) & (found > NO_VALUE), found, np.nan)
+    return _present(found)
+
+
+def _present(values: Array) -> Array:
+    """Numbers, NaN where a logger says that there is none."""
+    return np.where(np.isfinite(values) & (values > NO_VALUE), values, np.nan)
 
 
 def _number(cell: str) -> float | None:

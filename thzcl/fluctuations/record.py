@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -95,21 +95,12 @@ def load(paths: Sequence[Path], columns: str = "") -> Record:
     _check(first, values, rate_hz)
     gaps = int(np.isnan(values["h2o"]).sum())
     spikes = {first.columns[role].name: _remove_spikes(values[role]) for role in MEASURED if role in values}
-    notes = [
-        f"column {column.name} names no unit: taken as {column.assumed}"
-        for role, column in first.columns.items()
-        if column.assumed not in ("", "?") and role not in ("time", "nanoseconds")
-    ]
     components = [role for role in ("Ux", "Uy", "Uz") if role in values] if "Ux" in values else ["speed"]
-    if components == ["speed"]:
-        notes.append("wind is a speed without direction: its mean exceeds the mean vector, and so does the wind run")
     wind = np.stack([values[role] for role in components])
     pressure_hpa = float(np.nanmean(values["pressure"])) if "pressure" in values else None
     temperature = None
     if "Ts" in values:
         temperature = true_temperature(values["Ts"], values["h2o"], pressure_hpa or 1013.25)
-        if pressure_hpa is None:
-            notes.append("no pressure: 1013.25 hPa taken to correct sonic temperature for humidity")
     record = Record(
         files=tuple(str(part.layout.path) for part in joined.parts),
         station=first.layout.station,
@@ -124,13 +115,24 @@ def load(paths: Sequence[Path], columns: str = "") -> Record:
         repeats=len(joined.time_s) - len(index) + joined.repeats,
         out_of_order=joined.out_of_order,
         spikes=spikes,
-        notes=tuple(notes),
+        notes=tuple(_notes(first)),
     )
     if not record.wind_speed_m_s >= SLOWEST_M_S:
         names = ", ".join(first.columns[role].name for role in components)
         text = f"column {names}: mean wind of {record.wind_speed_m_s:.3g} m/s; expected at least {SLOWEST_M_S:g} m/s"
         raise RecordError(f"{first.layout.path}:{first.layout.first_line}: {text}, for time to become distance")
     return record
+
+
+def _notes(rows: Rows) -> Iterator[str]:
+    """What was taken for granted."""
+    for role, column in rows.columns.items():
+        if column.assumed not in ("", "?") and role not in ("time", "nanoseconds"):
+            yield f"column {column.name} names no unit: taken as {column.assumed}"
+    if "Ux" not in rows.values:
+        yield "wind is a speed without direction: its mean exceeds the mean vector, and so does the wind run"
+    if "Ts" in rows.values and "pressure" not in rows.values:
+        yield "no pressure: 1013.25 hPa taken to correct sonic temperature for humidity"
 
 
 def true_temperature(sonic_k: Array, humidity_g_m3: Array, pressure_hpa: float) -> Array:
@@ -207,7 +209,7 @@ def _clock(joined: _Joined) -> tuple[float, NDArray[np.int64]]:
         at = int(np.argmax(steps))
         text = f"{place[-1] + 1 - len(place)} of {place[-1] + 1} samples are missing, {steps[at]:.6g} s of them before here"
         raise RecordError(f"{joined.place(at + 1)}: {text}; expected {100 * (1 - MOST_MISSING):g} % of them")
-    return round(1 / step, 6), np.unique(place)
+    return round(1 / step, 6), place[np.diff(place, prepend=-1) > 0]
 
 
 def _even(joined: _Joined, role: str, index: NDArray[np.int64]) -> Array:

@@ -1,0 +1,151 @@
+"""What is no usable record: one message naming file, line and column, and what was expected; exit code 2; no figure."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+import pytest
+from hygrometer import RECORD, synthetic, write_csv
+
+from thzcl.fluctuations.columns import RecordError
+from thzcl.fluctuations.study import study
+
+LINES = RECORD.read_text().splitlines(keepends=True)
+
+
+@pytest.fixture(scope="module")
+def plain(tmp_path_factory):
+    """A sound record: names and columns."""
+    path, _, _ = synthetic(tmp_path_factory.mktemp("plain") / "a.csv", 1, samples=3000, gaps=0, spikes=0)
+    names = path.read_text().split("\n", 1)[0].split(",")
+    return dict(zip(names, np.loadtxt(path, delimiter=",", skiprows=1).T, strict=True))
+
+
+def text(change):
+    """The shipped record's first lines, changed one by one by a function of the line and its number from 1."""
+    return "".join(change(line, number) for number, line in enumerate(LINES[:3000], start=1)).encode()
+
+
+def cell(line, at, value):
+    cells = line.rstrip("\n").split(",")
+    cells[at] = value
+    return ",".join(cells) + "\n"
+
+
+FILES = {
+    "empty": (b"", r"bad\.dat:1: empty; expected Campbell TOA5, CSV with a header, or a LI-COR GHG archive"),
+    "binary": (bytes(range(256)) * 40, r"bad\.dat:1: binary, not text; expected"),
+    "broken archive": (b"PK\3\4" + bytes(100), r"bad\.dat: a broken archive"),
+    "header alone": ("".join(LINES[:4]).encode(), r"bad\.dat:5: empty below its header; expected rows with TIMESTAMP, h2o"),
+    "header cut": ("".join(LINES[:2]).encode(), r"bad\.dat:3: column 10: 10 names of columns and 0 units; expected as many"),
+    "truncated row": (
+        text(lambda line, n: line if n < 3000 else line[:40]),
+        r"bad\.dat:3000: column \d+: \d columns, expected the header's 10; a row cut short\?",
+    ),
+    "wrong delimiter": (
+        text(lambda line, _: line.replace(",", ";")),
+        r"bad\.dat:2: column 1: expected names of columns with commas between them; found semicolons",
+    ),
+    "comma decimals": (
+        text(lambda line, n: line.replace(".", ",") if n > 4 else line),
+        r"bad\.dat:5: column 10: 1\d columns, expected the header's 10; a comma for a decimal point\?",
+    ),
+    "words": (
+        text(lambda line, n: cell(line, 6, "wet") if n == 77 else line),
+        r'bad\.dat:77: column h2o: "wet" is not a number; expected one with a decimal point',
+    ),
+    "no stamp": (
+        text(lambda line, n: cell(line, 0, '"noon"') if n == 88 else line),
+        r'bad\.dat:88: column TIMESTAMP: "noon" is not a time stamp; expected seconds, or one like',
+    ),
+    "NaN-filled": (
+        text(lambda line, n: cell(line, 6, '"NAN"') if n > 4 else line),
+        r"bad\.dat:5: column h2o: 100 % of its values are missing; expected 20% at most",
+    ),
+    "unknown unit": (
+        text(lambda line, n: line.replace('"g/m^3"', '"furlong"') if n == 3 else line),
+        r'bad\.dat:2: column h2o: unknown unit "furlong"; expected one of g/m3',
+    ),
+    "wrong unit": (
+        text(lambda line, n: line.replace('"g/m^3"', '"kg/m^3"') if n == 3 else line),
+        r"bad\.dat:5: column h2o: a mean of 9.\d+ g/m3|bad\.dat:5: column h2o: a mean of \d+ g/m3 .* is its unit right\?",
+    ),
+    "no humidity": (
+        text(lambda line, n: line.replace('"h2o"', '"ch4"') if n == 2 else line),
+        r"bad\.dat:2: expected a column of water vapour \(h2o\) in g/m3 or mmol/m3; there are TIMESTAMP",
+    ),
+    "too short": (
+        "".join(LINES[:504]).encode(),
+        r"bad\.dat:504: column TIMESTAMP: ends after 500 samples; the spectrum needs at least 1024",
+    ),
+    "decreasing time": (
+        "".join(LINES[:4] + LINES[2999:3:-1]).encode(),
+        r"bad\.dat:6: column TIMESTAMP: time goes backwards here and in \d+ other rows; expected ascending",
+    ),
+    "stamps of whole seconds": (
+        text(lambda line, n: re.sub(r"(:\d\d)\.\d+\"", r'\1"', line) if n > 4 else line),
+        r"bad\.dat:\d+: \d+ time stamps repeat|bad\.dat:\d+: column TIMESTAMP: \d+ time stamps repeat",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", FILES)
+def test_each_bad_file_has_its_message(tmp_path, case):
+    content, expected = FILES[case]
+    (tmp_path / "bad.dat").write_bytes(content)
+    with pytest.raises(RecordError, match=expected) as caught:
+        study([tmp_path / "bad.dat"], output=tmp_path / "out")
+    assert "\n" not in str(caught.value)
+    assert not (tmp_path / "out").exists()
+
+
+ARRAYS = {
+    "constant": (lambda _: {"h2o_g_m3": np.full(3000, 9.0)}, r"column h2o_g_m3: holds 9 throughout; expected a signal"),
+    "zero wind": (lambda _: {"Ux_m_s": np.zeros(3000), "Uy_m_s": np.zeros(3000)}, r"mean wind of 0 m/s; expected at least 0.1"),
+    "mixed rate": (
+        lambda c: {"time_s": np.where(c["time_s"] < 75, c["time_s"], 75 + (c["time_s"] - 75) * 2)},
+        r"bad\.csv:150\d: column time_s: steps of 0.1 s from here on, 0.05 s elsewhere; expected one rate",
+    ),
+    "half missing": (
+        lambda c: {"time_s": np.where(c["time_s"] < 75, c["time_s"], c["time_s"] + 200)},
+        r"bad\.csv:1502: column time_s: \d+ of \d+ samples are missing",
+    ),
+    "no inertial range": (
+        lambda _: {"h2o_g_m3": 9 + 0.1 * np.random.default_rng(1).standard_normal(3000)},
+        r"bad\.csv: humidity: expected an inertial range",
+    ),
+    "a sine": (lambda c: {"h2o_g_m3": 9 + np.sin(c["time_s"])}, r"bad\.csv: humidity: expected an inertial range"),
+}
+
+
+@pytest.mark.parametrize("case", ARRAYS)
+def test_each_unusable_signal_has_its_message(tmp_path, plain, case):
+    change, expected = ARRAYS[case]
+    path = write_csv(tmp_path / "bad.csv", plain | change(plain))
+    with pytest.raises(RecordError, match=expected):
+        study([path])
+
+
+@pytest.mark.parametrize(
+    ("columns", "expected"),
+    [
+        ("h2o=vapour", r"--columns h2o=vapour: no such column; there are time_s, h2o_g_m3"),
+        ("moisture=h2o_g_m3", r"--columns moisture=h2o_g_m3: write ROLE=NAME or ROLE=NAME:UNIT, with a role of time"),
+        ("h2o=h2o_g_m3:cubits", r'column h2o_g_m3: unknown unit "cubits"; expected one of'),
+    ],
+)
+def test_columns_named_wrongly(tmp_path, plain, columns, expected):
+    path = write_csv(tmp_path / "a.csv", plain)
+    with pytest.raises(RecordError, match=expected):
+        study([path], columns)
+
+
+def test_the_command_says_it_and_stops(tmp_path, thzcl_command):
+    (tmp_path / "bad.dat").write_bytes(b"")
+    for arguments, expected in ((("bad.dat",), "bad.dat:1: empty"), (("none.dat",), "none.dat: No such file")):
+        done = thzcl_command("fluctuations", *arguments, "-o", "out", "--scene", "scene.toml")
+        assert done.returncode == 2
+        assert done.stderr.startswith(expected) and done.stderr.count("\n") == 1
+        assert not done.stdout
+    assert [path.name for path in tmp_path.iterdir()] == ["bad.dat"]
