@@ -27,6 +27,8 @@ def expected(data, result):
     cube = result.cubes[0]
     rotation = ROTATIONS[atmosphere["fluctuations"].get("grid_orientation", "oblique")]
     origin = np.array(camera["position_m"], float)
+    grams, hz = cube.absolute_humidity_g_m3.astype(float), data["sensor"]["frequency_ghz"] * 1e9
+    absorption = oracle.absorption_per_m(hz, atmosphere["temperature_k"], 1013.25, grams)
     for row, column in np.ndindex(height, width):
         direction = lens.ray(row, column)
         far, what = data["background"]["max_range_m"], 0
@@ -36,10 +38,7 @@ def expected(data, result):
             hit = box.meet(origin, direction)
             if hit and hit[0] < far:
                 far, what = hit[0], number + 2
-        grams, metres = oracle.path(cube.absolute_humidity_g_m3, origin, direction, far, cube.voxel_m, rotation)
-        k = oracle.absorption_per_m(
-            data["sensor"]["frequency_ghz"] * 1e9, atmosphere["temperature_k"], 1013.25, grams.astype(float)
-        )
+        k, metres = oracle.path(absorption, origin, direction, far, cube.voxel_m, rotation)
         depth[row, column], length[row, column], target[row, column] = k @ metres, metres.sum(), what
     return depth, length, target
 
