@@ -215,7 +215,7 @@ def test_without_temperature_there_is_none(thzcl_json, tmp_path):
 
 
 def test_a_speed_and_flags_for_what_is_missing(tmp_path):
-    """-9999 is a gap, blank lines end a file, units stand in brackets; what a speed without direction means is told."""
+    """-9999 is a gap, blank lines end a file, units stand in brackets; what a mere speed means is told."""
     time, grams, x, y = np.loadtxt(synthetic(tmp_path / "a.csv", 2, gaps=0, spikes=0)[0], delimiter=",", skiprows=1).T
     grams[100:110] = -9999 * 0.01801528
     named = {"Time (s)": time, "H2O (mmol/m3)": grams / 0.01801528, "wind_speed": np.hypot(x, y)}
