@@ -27,6 +27,7 @@ __kernel void emission(__global const real *restrict delta, __global const real 
     march ray = march_start(cube, width, height, log2n, reach, end, time, stretch, picked, count, first_ray);
     const int counts[] = {COUNTS};
     reals depth[FREQUENCIES], rest[FREQUENCIES], contrast[FREQUENCIES], transmission[FREQUENCIES];
+    UNROLLED
     for (int f = 0; f < FREQUENCIES; ++f) {
         depth[f] = rest[f] = contrast[f] = 0;
         transmission[f] = 1;
@@ -40,9 +41,11 @@ __kernel void emission(__global const real *restrict delta, __global const real 
         const reals there = march_exit(&ray), length = (there - ray.here) * ray.metres;
         const wholes voxel = march_voxel(&ray);
         const reals d = GATHER(delta, voxel), t = GATHER(offset, voxel);
+        UNROLLED
         for (int f = 0; f < FREQUENCIES; ++f) {
             __constant const real *c = coefficients + f * HUMIDITY_POWERS * TEMPERATURE_POWERS;
             reals absorption = polynomial(c + (HUMIDITY_POWERS - 1) * TEMPERATURE_POWERS, counts[HUMIDITY_POWERS - 1], t);
+            UNROLLED
             for (int k = HUMIDITY_POWERS - 2; k >= 0; --k)
                 absorption = absorption * d + polynomial(c + k * TEMPERATURE_POWERS, counts[k], t);
             const reals tau = absorption > 0 ? absorption * length : (reals)0;
@@ -60,6 +63,7 @@ __kernel void emission(__global const real *restrict delta, __global const real 
 #ifdef CUTOFF
         if (++steps % CUTOFF == 0) {
             reals least = depth[0];
+            UNROLLED
             for (int f = 1; f < FREQUENCIES; ++f) least = SMALLER(least, depth[f]);
             const wholes over = (least > cutoff) & (there < ray.end);
             ray.end = over ? there : ray.end;
@@ -70,6 +74,7 @@ __kernel void emission(__global const real *restrict delta, __global const real 
 #ifdef CUTOFF
     march_record_ends(&ray, ended, picked, count, first_ray, path_length, surface);
 #endif
+    UNROLLED
     for (int f = 0; f < FREQUENCIES; ++f) {
         const reals source = surface_value(emitted, surface, blend, first_ray, FREQUENCIES, f);
         STORE(depth[f], depth_out + f * padded + first_ray);

@@ -5,6 +5,8 @@
 
 #define JOIN_(a, b) a##b
 #define JOIN(a, b) JOIN_(a, b)
+#define VECTOR_OF_4(type) JOIN(type, 4)
+#define VECTOR_OF_8(type) JOIN(type, 8)
 #if LANES == 1
 #define VECTOR(type) type
 #define LOAD(p) (*(p))
@@ -16,14 +18,14 @@
 #define VECTOR(type) JOIN(type, 4)
 #define LOAD(p) vload4(0, p)
 #define STORE(value, p) vstore4(value, 0, p)
-#define ANY(condition) any(condition)
+#define ANY(condition) any_of_4(condition)
 #define LANE_NUMBERS (int4)(0, 1, 2, 3)
 #define GATHER(p, i) (reals)((p)[(i).s0], (p)[(i).s1], (p)[(i).s2], (p)[(i).s3])
 #elif LANES == 8
 #define VECTOR(type) JOIN(type, 8)
 #define LOAD(p) vload8(0, p)
 #define STORE(value, p) vstore8(value, 0, p)
-#define ANY(condition) any(condition)
+#define ANY(condition) any_of_8(condition)
 #define LANE_NUMBERS (int8)(0, 1, 2, 3, 4, 5, 6, 7)
 #define GATHER(p, i) \
     (reals)((p)[(i).s0], (p)[(i).s1], (p)[(i).s2], (p)[(i).s3], (p)[(i).s4], (p)[(i).s5], (p)[(i).s6], (p)[(i).s7])
@@ -51,6 +53,15 @@ typedef double wide;
 #else
 typedef float wide;
 #endif
+
+// Loops of few turns, over values that are to stay in registers.
+#define UNROLLED _Pragma("unroll")
+
+// OpenCL's any() is a function call to PoCL: around it every vector goes to memory and back.
+#define JOINED_2(m) ((m).x | (m).y)
+#define JOINED_4(m) JOINED_2((m).lo | (m).hi)
+static inline int any_of_4(VECTOR_OF_4(WHOLE) m) { return JOINED_4(m) < 0; }
+static inline int any_of_8(VECTOR_OF_8(WHOLE) m) { return JOINED_4((m).lo | (m).hi) < 0; }
 
 // OpenCL's fmin honours NaN and makes loops three times slower.
 #define SMALLER(a, b) ((a) < (b) ? (a) : (b))

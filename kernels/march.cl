@@ -8,7 +8,8 @@ typedef struct {
     reals step;        // ray parameter from one crossing of this axis to the next
     reals first;       // ray parameter at the first crossing
     reals next;
-    wholes crossings;
+    reals following;   // the crossing after the next: known in advance, so that the way through a voxel waits for no sum
+    wholes crossings;  // of this axis, the next included
     wholes stride;     // what one crossing adds to the cell number
     wholes cell;       // this axis's share of the cell number; wraps by `mask`
     whole mask;
@@ -31,7 +32,8 @@ static axis axis_start(const wide *origin, const wide *direction, int shift, int
     axis a;
     a.step = LOAD(step);
     a.first = a.next = LOAD(first);
-    a.crossings = 0;
+    a.following = a.step + a.first;
+    a.crossings = 1;
     a.stride = LOAD(stride);
     a.cell = LOAD(cell);
     a.mask = (((whole)1 << log2n) - 1) << shift;
@@ -41,9 +43,10 @@ static axis axis_start(const wide *origin, const wide *direction, int shift, int
 static inline void axis_cross(axis *a, reals there)
 {
     const wholes crossed = a->next <= there;
-    a->crossings += crossed ? (wholes)1 : (wholes)0;
+    a->next = crossed ? a->following : a->next;
     a->cell += crossed ? a->stride : (wholes)0;
-    a->next = TO_REALS(a->crossings) * a->step + a->first;
+    a->crossings += crossed ? (wholes)1 : (wholes)0;
+    a->following = TO_REALS(a->crossings) * a->step + a->first;
 }
 
 // LANES rays on their way through the cube.

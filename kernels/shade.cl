@@ -7,6 +7,7 @@
 static inline reals depth_of(__constant real *c, reals length, const reals *moments)
 {
     reals tau = c[0] * length;
+    UNROLLED
     for (int k = 0; k < MOMENTS; ++k) tau += c[k + 1] * moments[k];
     return tau;
 }
@@ -21,6 +22,7 @@ __kernel void shade(__global const real *restrict path_length, __global const re
     const int first_ray = get_global_id(0) * LANES, padded = get_global_size(0) * LANES;
     const reals length = LOAD(path_length + first_ray);
     reals m[MOMENTS + 1];
+    UNROLLED
     for (int k = 0; k < MOMENTS; ++k) m[k] = LOAD(moments + first_ray + k * padded);
     for (int f = 0; f < frequencies; ++f) {
         const reals tau = depth_of(coefficients + f * (MOMENTS + 1), length, m);
@@ -57,6 +59,7 @@ __kernel void shade_bands(__global const real *restrict path_length, __global co
     const int alike = all_alike(surface, first_ray);
     const reals length = LOAD(path_length + first_ray);
     reals m[MOMENTS + 1];
+    UNROLLED
     for (int k = 0; k < MOMENTS; ++k) m[k] = LOAD(moments + first_ray + k * padded);
     for (int b = 0; b < BANDS; ++b) {
         __global const real *table = emitted + b * surfaces * frequencies, *row = table + surface[first_ray] * frequencies;

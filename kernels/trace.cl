@@ -15,6 +15,7 @@ __kernel void trace(__global const real *restrict delta, __constant frame *cube,
     const int packet = get_global_id(0), first = packet * LANES, padded = get_global_size(0) * LANES;
     march ray = march_start(cube, width, height, log2n, reach, end, time, stretch, picked, count, first);
     reals m[MOMENTS];
+    UNROLLED
     for (int k = 0; k < MOMENTS; ++k) m[k] = 0;
     wholes crossed = 0;
 #ifdef CUTOFF
@@ -26,6 +27,7 @@ __kernel void trace(__global const real *restrict delta, __constant frame *cube,
         const wholes voxel = march_voxel(&ray);
         const reals d = GATHER(delta, voxel);
         reals power = length;
+        UNROLLED
         for (int k = 0; k < MOMENTS; ++k) {
             power *= d;
             m[k] += power;
@@ -35,6 +37,7 @@ __kernel void trace(__global const real *restrict delta, __constant frame *cube,
 #ifdef CUTOFF
         if (++steps % CUTOFF == 0) {
             reals depth = guard[0] * there;
+            UNROLLED
             for (int k = 0; k < MOMENTS; ++k) depth += guard[k + 1] * m[k];
             const wholes over = (depth * ray.metres > cutoff) & (there < ray.end);
             ray.end = over ? there : ray.end;
@@ -42,6 +45,7 @@ __kernel void trace(__global const real *restrict delta, __constant frame *cube,
         }
 #endif
     }
+    UNROLLED
     for (int k = 0; k < MOMENTS; ++k) STORE(m[k] * ray.metres, moments + k * padded + first);
 #ifdef CUTOFF
     march_record_ends(&ray, ended, picked, count, first, path_length, surface);
