@@ -126,8 +126,8 @@ def cut_early(*arguments):
 
 WORLD, SETTLED = geometry.world_frame, accuracy.settle
 POLYNOMIAL = python_without, (surrogate, "_degrees", first_degree)
-CROSSINGS = kernel_without, ("march.cl", "a->next = TO_REALS(a->crossings) * a->step + a->first;",
-                             "a->next += crossed ? a->step : (reals)0;")  # fmt: skip
+CROSSINGS = kernel_without, ("march.cl", "a->following = TO_REALS(a->crossings) * a->step + a->first;",
+                             "a->following += crossed ? a->step : (reals)0;")  # fmt: skip
 ABSOLUTE = kernel_without, ("shade.cl", "STORE(source * exp(-tau),",
                             "STORE(((source + 3.6e-14f) * exp(-tau) + 3.6e-14f * (1.0f - exp(-tau))) - 3.6e-14f,")  # fmt: skip
 EMISSION = kernel_without, ("emission.cl", "STORE(contrast[f] +", "STORE(((contrast[f] + 3.6e-14f) - 3.6e-14f) +")

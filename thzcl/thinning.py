@@ -45,7 +45,9 @@ def _sift(device: Device, ends: Ends, stride: int, things: NDArray[Any]) -> Any:
     program = device.build(("thinning",), precision, ["MOMENTS=1"])
     kind = device.empty((ends.rays,), np.int8)
     size = (np.int32(raster.columns), np.int32(raster.rows), np.int32(stride))
-    program.run("sift", ends.rays // device.lanes(precision), *size, ends.surface, ends.path_length, device.put(things, np.int32), kind)
+    program.run(
+        "sift", ends.rays // device.lanes(precision), *size, ends.surface, ends.path_length, device.put(things, np.int32), kind
+    )
     return kind
 
 
