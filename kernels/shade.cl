@@ -64,14 +64,16 @@ __kernel void shade_bands(__global const real *restrict path_length, __global co
     for (int b = 0; b < BANDS; ++b) {
         __global const real *table = emitted + b * surfaces * frequencies, *row = table + surface[first_ray] * frequencies;
         const reals least = depth_of(coefficients + thinnest[b] * (MOMENTS + 1), length, m);
-        reals lost = 0, above = 0;
+        reals left = 0, lost = 0, above = 0;
         for (int f = 0; f < frequencies; ++f) {
             reals less;
             const reals passed = attenuate(depth_of(coefficients + f * (MOMENTS + 1), length, m) - least, &less);
+            left += weights[b * frequencies + f] * passed;
             lost += weights[b * frequencies + f] * less;
             above += passed * (alike ? (reals)row[f] : surface_value(table, surface, blend, first_ray, frequencies, f));
         }
-        STORE(least - log1p(-lost), depth + b * padded + first_ray);
+        // Of the two sums that which is the smaller part of 1 has the digits: 1 - lost has none where little is left.
+        STORE(least - (lost < (real)0.5 ? log1p(-lost) : log(left)), depth + b * padded + first_ray);
         STORE(above * exp(-least), contrast + b * padded + first_ray);
     }
 }

@@ -30,10 +30,12 @@ def write_csv(path, columns, missing=()):
     return path
 
 
-def synthetic(path, seed, samples=18000, constant=0.2, wind=3.0, rate=20.0, gaps=0.01, spikes=0.001, noise=0.01):
+def synthetic(
+    path, seed, samples=18000, constant=0.2, wind=3.0, rate=20.0, gaps=0.01, spikes=0.001, noise=0.01, outer_m=100.0
+):  # fmt: skip
     """A CSV record with noise of the sensor (g/m3), gaps and spikes; and where they are, as two arrays of rows."""
     rng = np.random.default_rng(seed)
-    humidity = 12 + signal(rng, samples, wind / rate, constant, 100.0) + noise * rng.standard_normal(samples)
+    humidity = 12 + signal(rng, samples, wind / rate, constant, outer_m) + noise * rng.standard_normal(samples)
     spoilt = 1 + rng.choice(samples - 2, round((gaps + spikes) * samples), replace=False)
     missing, spiky = np.split(spoilt, [round(gaps * samples)])
     humidity[spiky] += rng.choice([-1, 1], len(spiky)) * rng.uniform(3, 10, len(spiky))

@@ -138,6 +138,18 @@ def test_known_structure_constants_are_recovered(tmp_path):
     assert abs(ratio[:, 0].mean() - 1) < 0.05
 
 
+@pytest.mark.parametrize(
+    "hard", [{"noise": 0.2}, {"outer_m": 30.0, "wind": 10.0}, {"outer_m": 30.0, "noise": 0.1, "wind": 5.0}]
+)
+def test_neither_noise_nor_a_short_outer_scale_biases_them(tmp_path, hard):
+    """Noise of 10 % of sigma and more hides where the spectrum bends; in a strong wind the bend lies near the range."""
+    found = [study([synthetic(tmp_path / "a.csv", seed, **hard)[0]]) for seed in range(20)]
+    ratio = np.array([one["structure_constant_q"] for one in found]) / 0.2
+    assert np.abs(ratio - 1).max() < 0.2
+    assert abs(ratio.mean() - 1) < 0.05
+    assert np.mean([one["slope"] for one in found]) == pytest.approx(-5 / 3, abs=0.05)
+
+
 def test_files_of_one_station_join(tmp_path, shipped):
     """In any order, where one begins as the other ends; and a gap between them is counted."""
     lines = RECORD.read_text().splitlines(keepends=True)

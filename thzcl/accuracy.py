@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from thzcl import radiometry
-from thzcl.geometry import GROUND, Surface
+from thzcl.geometry import GROUND, Raster, Surface
 from thzcl.scenario import Scene
 from thzcl.sensor import Needs
 from thzcl.turbulence import Turbulence
@@ -77,8 +77,20 @@ def settle(
     precision = given.precision or ("float32" if ROUNDING * (1 + gain) <= given.tolerance / 2 else "float64")
     fit = float(np.clip(SURROGATE * given.tolerance / max(gain, 1e-300), TIGHTEST_FIT, LOOSEST_FIT))
     cutoff = given.cutoff_depth or needs.cutoff_depth or image.cutoff(CUTOFF * given.tolerance)
-    stride = given.ray_stride or next((s for s in STRIDES if image.stride_error(s) <= STRIDE * given.tolerance), 1)
+    strides = [1, *(s for s in STRIDES if image.stride_error(s) <= STRIDE * given.tolerance)]
+    stride = given.ray_stride or min(strides, key=lambda s: share_traced(air.raster, surfaces, rays, s))
     return Accuracy(precision, fit, float(cutoff), stride)
+
+
+def share_traced(raster: Raster, surfaces: list[Surface], rays: Rays, stride: int) -> float:
+    """The part of the rays that is traced, about: a lattice, and all in the cells that edges cross; of a regular sample."""
+    if stride == 1:
+        return 1.0
+    lattice = math.prod((n - 1) // stride + 2 for n in (raster.rows, raster.columns)) / raster.rays
+    things = np.array([s.target for s in surfaces])[rays.surface].reshape(min(64, raster.rows), -1)
+    cells = [max(n / sampled, 1) for n, sampled in zip((raster.rows, raster.columns), things.shape, strict=True)]
+    edges = sum(np.mean(np.diff(things, axis=axis) != 0) / cells[axis] for axis in (0, 1) if things.shape[axis] > 1)
+    return float(min(1.0, lattice + edges * 2 * stride))
 
 
 def _default_cutoff(scene: Scene, needs: Needs, sent: Array, frequency_hz: Array) -> float:
@@ -101,6 +113,7 @@ class AirAlong:
     turbulence: Turbulence | None
     turn: Array
     pixel_rad: float
+    raster: Raster
 
 
 @dataclass(frozen=True)

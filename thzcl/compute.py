@@ -148,9 +148,14 @@ def _shade(device: Device, variant: VariantPlan, paths: Paths, coefficients: Arr
 
 def _mean_depth(depth: NDArray[Any], weights: Array) -> Array:
     """Depth of the mean transmission, (band, ray), of depths (frequency, ray): neither thin nor deep air loses its digits."""
-    least = np.array([depth[row > 0].min(axis=0) for row in weights], dtype=np.float64)
-    lost = [row @ -np.expm1(np.minimum(thin - depth, 0)) for row, thin in zip(weights, least, strict=True)]
-    return np.asarray(least - np.log1p(-np.array(lost)))
+    found = []
+    for row in weights:
+        least = depth[row > 0].min(axis=0).astype(np.float64)
+        beyond = np.minimum(least - depth, 0.0)
+        lost = row @ -np.expm1(beyond)
+        # Of the two sums that which is the smaller part of 1 has the digits.
+        found.append(least - np.where(lost < 0.5, np.log1p(-np.minimum(lost, 0.5)), np.log(row @ np.exp(beyond))))
+    return np.array(found)
 
 
 def _emission(device: Device, group: Group, surrogate: Surrogate, media: list[Medium], lines: Lines, clock: Clock) -> Capture:

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from thzcl.absorption.mpm93 import STATED_TO_GHZ
+from thzcl.accuracy import share_traced
 from thzcl.geometry import ROTATIONS
 from thzcl.plan import DEPTH_CHECKED_EVERY, Group, Plan, VariantPlan, by_key, sample_rays
 from thzcl.refraction import Refraction, estimate, structure_constant_n
@@ -124,15 +125,8 @@ def voxel_segments(plan: Plan) -> int:
 
 
 def _share_traced(group: Group) -> float:
-    """The part of the rays that is traced: a lattice, and all in the cells that edges cross."""
-    raster, stride = group.first.geometry.raster, group.stride
-    if stride == 1:
-        return 1.0
-    lattice = math.prod((n - 1) // stride + 2 for n in (raster.rows, raster.columns)) / raster.rays
-    things = np.array([s.target for s in group.first.surfaces])[group.sample.surface].reshape(min(64, raster.rows), -1)
-    cells = [max(n / sampled, 1) for n, sampled in zip((raster.rows, raster.columns), things.shape, strict=True)]
-    edges = sum(np.mean(np.diff(things, axis=axis) != 0) / cells[axis] for axis in (0, 1) if things.shape[axis] > 1)
-    return float(min(1.0, lattice + edges * 2 * stride))
+    """The part of the rays that is traced."""
+    return share_traced(group.first.geometry.raster, group.first.surfaces, group.sample, group.stride)
 
 
 def memory(plan: Plan) -> tuple[int, int]:

@@ -285,7 +285,7 @@ def _air_along(scene: Scene, field: FieldPlan | None, air: Air, frequency_hz: Ar
     fluctuations = scene.atmosphere.fluctuations
     turn = geometry.ROTATIONS[fluctuations.grid_orientation if fluctuations else "aligned"]
     apart = max(angle / n for angle, n in zip(pixel_angles(scene), reversed(shape.raster.block), strict=True))
-    return AirAlong(absorption, slope, source, turn, apart)
+    return AirAlong(absorption, slope, source, turn, apart, shape.raster)
 
 
 def normalised(weights: ArrayLike) -> Array:

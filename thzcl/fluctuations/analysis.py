@@ -131,7 +131,7 @@ def analyse(record: Record) -> Analysis:
     found = inertial.find(spectrum, place)
     separation, structure = _structure(batches, record.rate_hz)
     highest = record.rate_hz / 2 / float(np.mean([batch.wind_speed_m_s for batch in batches]))
-    constant, limits = inertial.structure_fit(separation, structure, 1 / found.limits[1], 2 * found.variance_of_noise(highest))
+    constant, limits = inertial.structure_fit(separation, structure, found, highest)
     variance = float(np.mean([np.nanvar(batch.humidity) for batch in batches]))
     return Analysis(
         record=record,
@@ -219,12 +219,12 @@ def _structure(batches: tuple[Batch, ...], rate_hz: float) -> tuple[Array, Array
 
 
 def _temperature(batches: tuple[Batch, ...], humidity: Inertial) -> Inertial | None:
-    """Of temperature, in the inertial range of humidity."""
+    """Of temperature, in the inertial range of humidity and with its outer scale."""
     densities = [batch.temperature_density for batch in batches if batch.temperature_density is not None]
     if not densities:
         return None
     spectrum = inertial.binned(np.concatenate([batch.frequency for batch in batches]), np.concatenate(densities))
-    return inertial.within(spectrum, humidity.limits)
+    return inertial.within(spectrum, humidity.limits, humidity.bend)
 
 
 def _correlation(batches: tuple[Batch, ...]) -> float | None:

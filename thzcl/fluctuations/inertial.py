@@ -9,7 +9,7 @@ is by their mean, as Whittle (1953) has it: the mean of their logarithm would li
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +26,10 @@ TOLERATED = 0.15  # relative departure of a bin from the line, beside its scatte
 MEAN_DEVIANCE, LARGEST_DEVIANCE = 1.5, 9.0  # of bins in the inertial range; 1 on average, and three sigma
 WIDEST_SLOPE = 0.06  # departure of the free slope from -5/3 within the range; two standard deviations, where they are more
 NARROWEST = 5.0  # ratio of the range's limits
+OUTER_SCALES = 40  # tried
+ABOVE_BEND = 3.0  # inverse outer scales, at which von Karman's density is 8 % below the line
+BEND = 0.393  # of D(r) = C^2 r^(2/3) (1 - 0.393 (2 pi r / L0)^(4/3)): Gamma(2/3) and (4/3) in the series of von Karman's
+MOST_BENT = 0.5  # 2 pi r / L0: there the series is short by 0.2 %
 STRAIGHT = 0.03  # relative departure of a structure function from its line
 
 
@@ -55,6 +59,7 @@ class Inertial:
     limits: tuple[float, float]
     structure_constant: float
     noise: float  # one-sided, in squared units of the signal times m
+    bend: float  # cycles/m, 1/L0 of the von Karman spectrum that bends below the range; 0 where it does not bend
     slope: float
     slope_uncertainty: float  # one standard deviation
 
@@ -86,7 +91,9 @@ def binned(frequency: Array, density: Array) -> Binned:
 def find(spectrum: Binned, place: str) -> Inertial:
     """The widest range in which a density is a -5/3 line over a floor of noise, within its scatter, and what it gives.
 
-    Raises RecordError where there is none; `place` begins its message.
+    Where the density bends below the line as an outer scale would have it, the range begins above the bend: so few values
+    lie there that the search is blind to it, and yet the fit would lose up to a seventh. Raises RecordError where there is
+    no such range; `place` begins its message.
     """
     widest, best = math.log(NARROWEST), None
     logs = np.log(spectrum.frequency)
@@ -102,15 +109,39 @@ def find(spectrum: Binned, place: str) -> Inertial:
             f"{place}: expected an inertial range, a spectral slope of -5/3 over at least a factor of {NARROWEST:g} of spatial "
             "frequency; found none"
         )
-    return within(spectrum, (float(best.frequency[0]), float(best.frequency[-1])))
+    low, high = float(best.frequency[0]), float(best.frequency[-1])
+    bend = _bend(best)
+    start = spectrum.frequency[spectrum.frequency >= max(low, min(ABOVE_BEND * bend, high / NARROWEST))][0]
+    return within(spectrum, (float(start), high), bend)
 
 
-def within(spectrum: Binned, limits: tuple[float, float]) -> Inertial:
-    """What a spectrum gives in given limits."""
+def within(spectrum: Binned, limits: tuple[float, float], bend: float = 0.0) -> Inertial:
+    """What a spectrum that bends at a spatial frequency gives in given limits."""
     part = spectrum.part(*limits)
-    amplitude, floor = _line(part)
+    amplitude, floor = _line(_bent(part, bend))
     slope, uncertainty = _slope(part, amplitude, floor)
-    return Inertial(limits, amplitude / ONE_SIDED_CYCLES, floor, slope, uncertainty)
+    return Inertial(limits, amplitude / ONE_SIDED_CYCLES, floor, bend, slope, uncertainty)
+
+
+def _bend(part: Binned) -> float:
+    """1/L0 of the von Karman spectrum (xi^2 + 1/L0^2)^(-5/6) over a floor, of greatest likelihood; 0 if no better than none."""
+    tried = np.geomspace(part.frequency[0] / 4, part.frequency[-1] / NARROWEST, OUTER_SCALES)
+    likelihood = [_likelihood(_bent(part, float(bend))) for bend in tried]
+    best = int(np.argmax(likelihood))
+    # One more parameter has to gain 2 in the logarithm, of values that are not independent.
+    return float(tried[best]) if likelihood[best] > _likelihood(part) + 2 * HANN_CORRELATION else 0.0
+
+
+def _bent(part: Binned, bend: float) -> Binned:
+    """With the von Karman spectrum's power of frequency in the place of xi^(-5/3)."""
+    return replace(part, power=(part.frequency**2 + bend**2) ** (-5 / 6))
+
+
+def _likelihood(part: Binned) -> float:
+    """Logarithm of the likelihood of a periodogram about its best line and floor (Whittle 1953)."""
+    amplitude, floor = _line(part)
+    mean = amplitude * part.power + floor
+    return -float(np.sum(part.count * (np.log(mean) + part.density / mean)))
 
 
 def _straight(part: Binned) -> bool:
@@ -159,20 +190,24 @@ def _slope(part: Binned, amplitude: float, floor: float) -> tuple[float, float]:
     return slope, math.sqrt(float(np.linalg.inv(normal)[1, 1]) * HANN_CORRELATION * max(1.0, float(scatter)))
 
 
-def structure_fit(separation: Array, structure: Array, shortest: float, noise: float) -> tuple[float, tuple[float, float]]:
-    """C^2, and the limits in m of the widest range in which D(r) = C^2 r^(2/3) + noise.
+def structure_fit(separation: Array, structure: Array, found: Inertial, highest: float) -> tuple[float, tuple[float, float]]:
+    """C^2, and the limits in m of the widest range in which D(r) = C^2 r^(2/3) (1 - bend) + noise.
 
-    Of separations (n,) in m, none below `shortest`, and the structure function (n,) there; `noise` is twice the variance of
-    the sensor's noise. It is not fitted: the bend of an outer scale would be taken for it.
+    Of separations (n,) in m, none below the inverse of the spectrum's `found` range's end, and the structure function (n,)
+    there. Twice the variance of the noise, up to the `highest` spatial frequency, and the outer scale are the spectrum's: in
+    a structure function one passes for the other.
     """
-    usable = separation >= shortest
-    r, ratio = separation[usable], (structure[usable] - noise) / separation[usable] ** (2 / 3)
-    found, widest = (float(ratio[:4].mean()), (float(r[0]), float(r[3]))), 0.0
+    turn = 2 * np.pi * separation * found.bend
+    usable = separation >= 1 / found.limits[1]
+    usable &= (turn <= MOST_BENT) | (np.cumsum(usable) <= 4)  # four at least, however short the outer scale
+    r, bend = separation[usable], BEND * np.minimum(turn[usable], MOST_BENT) ** (4 / 3)
+    ratio = (structure[usable] - 2 * found.variance_of_noise(highest)) / (r ** (2 / 3) * (1 - bend))
+    best, widest = (float(ratio[:4].mean()), (float(r[0]), float(r[3]))), 0.0
     for first in range(len(r) - 3):
         for last in range(first + 3, len(r)):
             width = math.log(r[last] / r[first])
             part = ratio[first : last + 1]
             constant = float(part.mean())
             if width > widest and np.max(np.abs(part / constant - 1)) < STRAIGHT:
-                widest, found = width, (constant, (float(r[first]), float(r[last])))
-    return found
+                widest, best = width, (constant, (float(r[first]), float(r[last])))
+    return best

@@ -120,6 +120,7 @@ def _airs() -> list[Case]:
     limited = wet | {f"{FLUCTUATIONS}.sigma_percent": 300.0}
     return [
         *(Case(name, scene, EVERYTHING) for name, scene in changes.items()),
+        Case("sigma 100 %, humidity lognormal", changes["sigma 100 %"], {"logarithm": (judges.lognormal, {SINGLE: 1e-6})}),
         Case("sigma 300 %, vapour limited to the total pressure", limited, _within(FITTED)),
     ]
 
@@ -132,7 +133,15 @@ def _bands() -> list[Case]:
     sensor = {"kind": "passive-broadband", "center_ghz": 550.0, "bandwidth_ghz": 100.0}
     even = {"sensor": sensor, f"{FLUCTUATIONS}.sigma_percent": 0.0, f"{CAMERA}.pixels": [1, 1]}
     thin = even | {f"{AIR}.pressure_hpa": 1.0, f"{AIR}.relative_humidity_percent": 4.0, "background.max_range_m": 1000.0}
+    gaussian = sensor | {"center_ghz": 556.936, "bandwidth_ghz": 30.0, "response": "gaussian"}
+    told: dict[str, Judged] = {"depth": (judges.band_depth, ROUNDED)}
     return [
+        Case("100 GHz band through a micrometre", even | {"background.max_range_m": 1e-6}, told),
+        Case(
+            "Gaussian band, clear at its edges only",
+            even | {"sensor": gaussian, "background.max_range_m": 100.0} | DEEPEST,
+            told,
+        ),
         Case("100 GHz band at 1 hPa, lines of a few MHz", thin, judged),
         Case("100 GHz band around a saturated line", even | {"background.max_range_m": 200.0}, judged),
     ]
@@ -193,7 +202,7 @@ def _sensors() -> list[Case]:
     active = {"kind": "active", "frequency_ghz": 650.0, "dynamic_range_db": 200.0}
     mirror = {"targets.wall": WALL | {"reflectivity": 1.0, "center_m": [760.3, 0.0, 0.0], "size_m": [20.0, 2e3, 2e3]}}
     quiet = {"kind": "passive-broadband", "center_ghz": 650.0, "bandwidth_ghz": 100.0, "noise_equivalent_power_w_rthz": 0.0}
-    even = {"sensor": quiet, f"{FLUCTUATIONS}.sigma_percent": 0.0, "background.temperature_k": 290.0}
+    even = {"sensor": quiet, "background.temperature_k": 290.0}  # at one temperature, whatever humidity does
     return [
         Case(
             "dynamic range 200 dB, out and back through a depth of 17",
@@ -221,5 +230,9 @@ def _warm() -> list[Case]:
         Case("temperature fluctuating by 20 K", wild, WARM),
         Case("temperature fluctuating by 0.1 mK", tiny, WARM),
         Case("temperature fluctuating, 10 m through voxels of 1 mm", fine, WARM),
-        Case("temperature fluctuating, depth of 1e-12", thin, {"depth": (judges.depth, EMITTED)}),
+        Case(
+            "temperature fluctuating, depth of 1e-12",
+            thin,
+            {"depth": (judges.depth, EMITTED), "emitted": (judges.faintly_emitted, EMITTED)},
+        ),
     ]

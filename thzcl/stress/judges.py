@@ -34,6 +34,12 @@ def emitted(run: Run) -> Measurement:
     return worst(run.radiances.contrast / most, run.truth.contrast / most, 1.0)
 
 
+def faintly_emitted(run: Run) -> Measurement:
+    """The same of thin air, over as much of it as the path can emit, 1 - exp(-depth), where nothing else is seen."""
+    most = np.maximum(-run.truth.coldest, run.truth.warmest) * -np.expm1(-run.truth.optical_depth)
+    return worst(run.radiances.contrast / most, run.truth.contrast / most, 1.0)
+
+
 def outside(run: Run) -> Measurement:
     """How far the contrast lies outside the range of the Planck radiances met on the way, over that range."""
     low, high, seen = run.truth.coldest, run.truth.warmest, run.radiances.contrast
@@ -66,6 +72,30 @@ def band_transmission(run: Run) -> Measurement:
 def band_contrast(run: Run) -> Measurement:
     """Contrast of a band, over its radiance."""
     return worst(run.radiances.contrast[0] / run.radiances.air_radiance[0], _band(run).contrast)
+
+
+def band_depth(run: Run) -> Measurement:
+    """Depth of a band's mean transmission through uniform air, at the frequencies that the run itself took."""
+    hz, air_k = run.sight.nodes_hz, run.scene.atmosphere.temperature_k
+    grams = np.asarray(run.scene.atmosphere.air.absolute_humidity_g_m3)
+    tau = np.multiply.outer(reference.absorption(run.scene, hz, grams, air_k), reference.ends(run.scene).length_m)
+    shares = np.asarray(run.sight.weights)[0] * reference.planck(hz, air_k)
+    shares = shares / shares.sum()
+    least = tau.min(axis=0)
+    left, lost = np.tensordot(shares, np.exp(least - tau), 1), np.tensordot(shares, -np.expm1(least - tau), 1)
+    # The smaller part of 1 has the digits.
+    return worst(run.sight.optical_depth[0], least - np.where(lost < 0.5, np.log1p(-np.minimum(lost, 0.5)), np.log(left)))
+
+
+def lognormal(run: Run) -> Measurement:
+    """Mean and spread of the logarithm of humidity over its mean: -s^2 / 2 and s, with s^2 = ln(1 + sigma^2)."""
+    sigma = (run.scene.atmosphere.fluctuations.sigma_percent or 0.0) / 100 if run.scene.atmosphere.fluctuations else 0.0
+    relative = run.result.cubes[0].absolute_humidity_g_m3.astype(np.float64) / run.scene.atmosphere.air.absolute_humidity_g_m3
+    with np.errstate(divide="ignore", invalid="ignore"):
+        logarithm = np.log(relative)
+        found = logarithm.mean(), logarithm.std()
+    s = math.sqrt(math.log1p(sigma**2))
+    return worst(found, (-s * s / 2, s))
 
 
 def _band(run: Run) -> reference.BandTruth:
