@@ -192,7 +192,7 @@ def bench(
     if how is TableFormat.json:
         print(json.dumps(found, indent=2))
     elif how is TableFormat.csv:
-        _print_csv(benchmark.flat(found))
+        printing.as_csv(benchmark.flat(found))
     else:
         printing.bench(found, benchmark.flat(found))
 
@@ -239,17 +239,9 @@ def _print_records(rows: list[dict[str, float]], how: TableFormat) -> None:
     if how is TableFormat.json:
         print(json.dumps({"records": rows}, indent=1))
     elif how is TableFormat.csv:
-        _print_csv(rows)
+        printing.as_csv(rows)
     else:
         printing.table("", list(rows[0]), [[f"{value:.6g}" for value in row.values()] for row in rows])
-
-
-def _print_csv(rows: list[dict[str, Any]]) -> None:
-    import csv
-
-    writer = csv.DictWriter(sys.stdout, list(rows[0]), lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(rows)
 
 
 @app.command()
@@ -296,7 +288,7 @@ def stress(device: DeviceChoice = None, how: HowToTabulate = TableFormat.table) 
     if how is TableFormat.json:
         print(json.dumps({"cases": found}, indent=1))
     elif how is TableFormat.csv:
-        _print_csv(found)
+        printing.as_csv(found)
     else:
         printing.stress(found)
     return _complain([f"{len(failed)} of {len(found)} cases failed: {', '.join(failed)}"], 4) if failed else 0

@@ -29,6 +29,15 @@ def table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]]) -> 
     console.print(drawn)
 
 
+def as_csv(rows: Sequence[dict[str, Any]]) -> None:
+    """Prints rows of one kind as CSV, their keys on top."""
+    import csv
+
+    writer = csv.DictWriter(sys.stdout, list(rows[0]), lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(rows)
+
+
 @contextmanager
 def progress(quiet: bool) -> Iterator[Callable[[str], None]]:
     """Gives a function that shows the stage at work, on a terminal; elsewhere, and if quiet, it does nothing."""
