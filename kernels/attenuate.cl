@@ -9,7 +9,8 @@ static inline reals attenuate(reals x, reals *lost)
     return exp(-x);
 #else
     const reals capped = SMALLER(x, (reals)80.0f);
-    const reals n = rint(capped * 1.44269504f);
+    // 1.5 2^23 pushes the fraction out, to the nearest: rint() would be a function call to PoCL, and every vector spilt for it.
+    const reals n = (capped * 1.44269504f + 12582912.0f) - 12582912.0f;
     const reals r = (n * 0.693145752f - capped) + n * 1.42860677e-6f;   // ln 2 in two parts
     const reals series = r * (1.0f + r * (0.5f + r * (0.166666672f + r * (0.0416666679f + r * (8.33333377e-3f + r * (1.38888892e-3f + r * 1.98412701e-4f))))));
     const reals scale = VECTOR(as_float)((127 - VECTOR(convert_int)(n)) << 23);   // 2^-n
