@@ -10,7 +10,6 @@ from test_trace import expected
 
 from thzcl import overview, pipeline, radiometry
 from thzcl.absorption import Air
-from thzcl.accuracy import SURROGATE_TOLERANCE
 from thzcl.reference import exact, walk
 from thzcl.scenario import shipped
 
@@ -174,7 +173,3 @@ def test_the_reference_walks_as_the_oracle_does():
         cells, metres = oracle.segments(origin[ray], direction[ray], length[ray], 16)
         truth = (cube[cells[:, 2], cells[:, 1], cells[:, 0]] * metres).sum()
         assert (cube.ravel()[voxel[ray]] * lengths[ray]).sum() == pytest.approx(truth, abs=1e-10)
-
-
-def test_default_fits_are_below_rounding():
-    assert SURROGATE_TOLERANCE["float32"] <= np.finfo(np.float32).eps

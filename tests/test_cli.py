@@ -156,7 +156,7 @@ def test_an_interrupted_bench_exits_130(tmp_path):
     command = [sys.executable, "-m", "thzcl", "bench", "--repeat", "10000"]
     environment = os.environ | {"PYTHONPATH": str(ROOT)}
     with subprocess.Popen(command, env=environment, cwd=tmp_path, stderr=subprocess.PIPE, text=True) as process:
-        time.sleep(4)
+        time.sleep(4)  # until it is at work; it would go on for an hour
         process.send_signal(signal.SIGINT)
         _, errors = process.communicate(timeout=120)
     assert process.returncode == 130
