@@ -20,7 +20,7 @@
 #define STORE(value, p) vstore4(value, 0, p)
 #define ANY(condition) any_of_4(condition)
 #define LANE_NUMBERS (int4)(0, 1, 2, 3)
-#define GATHER(p, i) (reals)((p)[(i).s0], (p)[(i).s1], (p)[(i).s2], (p)[(i).s3])
+#define GATHER(p, i) (reals)((p)[(uint)(i).s0], (p)[(uint)(i).s1], (p)[(uint)(i).s2], (p)[(uint)(i).s3])
 #elif LANES == 8
 #define VECTOR(type) JOIN(type, 8)
 #define LOAD(p) vload8(0, p)
@@ -28,7 +28,7 @@
 #define ANY(condition) any_of_8(condition)
 #define LANE_NUMBERS (int8)(0, 1, 2, 3, 4, 5, 6, 7)
 #define GATHER(p, i) \
-    (reals)((p)[(i).s0], (p)[(i).s1], (p)[(i).s2], (p)[(i).s3], (p)[(i).s4], (p)[(i).s5], (p)[(i).s6], (p)[(i).s7])
+    (reals)((p)[(uint)(i).s0], (p)[(uint)(i).s1], (p)[(uint)(i).s2], (p)[(uint)(i).s3], (p)[(uint)(i).s4], (p)[(uint)(i).s5], (p)[(uint)(i).s6], (p)[(uint)(i).s7])
 #endif
 
 #if PRECISION == 64

@@ -83,6 +83,8 @@ def _chosen(infos: list[DeviceInfo], choice: str | None) -> DeviceInfo:
 
 
 def _all() -> list[Any]:
+    # Else PoCL builds each kernel a second time for our size of group, which is no faster.
+    os.environ.setdefault("POCL_WORK_GROUP_SPECIALIZATION", "0")
     try:
         return [device for platform in cl.get_platforms() for device in platform.get_devices()]
     except cl.Error:  # no platform at all is an error to OpenCL
