@@ -19,14 +19,13 @@ static inline reals attenuate(reals x, reals *lost)
 #endif
 }
 
-// The same where most depths are small, as of single voxels: the series alone is good to 4e-8 of what is lost up to 1/8.
+// The same up to a depth of 1/8, as of a voxel: the series alone is good to 4e-8 of what is lost.
 static inline reals attenuate_thin(reals x, reals *lost)
 {
-#if PRECISION == 32
-    if (!ANY(x > (reals)0.125f)) {
-        *lost = x * (1.0f - x * (0.5f - x * (0.166666672f - x * (0.0416666679f - x * 8.33333377e-3f))));
-        return 1.0f - *lost;
-    }
-#endif
+#if PRECISION == 64
     return attenuate(x, lost);
+#else
+    *lost = x * (1.0f - x * (0.5f - x * (0.166666672f - x * (0.0416666679f - x * 8.33333377e-3f))));
+    return 1.0f - *lost;
+#endif
 }

@@ -3,13 +3,32 @@
 // adds (1 - exp(-K ds)) of its own Planck radiance, taken as difference from the mean air's.
 //
 // Options: FREQUENCIES; HUMIDITY_POWERS, TEMPERATURE_POWERS and PLANCK_POWERS, numbers of coefficients; COUNTS, how many
-// temperature powers matter with each humidity power; CUTOFF as in trace.cl.
+// temperature powers matter with each humidity power; THIN where no voxel is deeper than 1/8; CUTOFF as in trace.cl.
 
-static inline reals polynomial(__constant const real *c, int count, reals x)
+// So many voxels' depths are added up as they are, before a sum takes them in that is compensated as Kahan's (1965): plain
+// float32 alone goes astray by 3e-6 over ten thousand voxels.
+#ifdef CUTOFF
+#define TOGETHER CUTOFF   // the depth is asked as often
+#else
+#define TOGETHER 16
+#endif
+
+// A polynomial of `count` coefficients, at most `most`. The loop's length must be plain when the compiler unrolls it, before
+// it unrolls what is around.
+#define POLYNOMIAL(sum, c, count, most, x) \
+    UNROLLED \
+    for (int j = (most) - 1; j >= 0; --j) \
+        sum = j >= (count) ? sum : j == (count) - 1 ? (reals)((c)[j]) : sum * (x) + (c)[j];
+
+static inline void take_in(reals *depth, reals *rest, reals *latest)
 {
-    reals sum = c[count - 1];
-    for (int k = count - 2; k >= 0; --k) sum = sum * x + c[k];
-    return sum;
+    UNROLLED
+    for (int f = 0; f < FREQUENCIES; ++f) {
+        const reals term = latest[f] - rest[f], sum = depth[f] + term;
+        rest[f] = (sum - depth[f]) - term;
+        depth[f] = sum;
+        latest[f] = 0;
+    }
 }
 
 // `coefficients` (FREQUENCIES, HUMIDITY_POWERS, TEMPERATURE_POWERS) per metre; `planck` (FREQUENCIES, PLANCK_POWERS) of
@@ -26,16 +45,16 @@ __kernel void emission(__global const real *restrict delta, __global const real 
     const int packet = get_global_id(0), first_ray = packet * LANES, padded = get_global_size(0) * LANES;
     march ray = march_start(cube, width, height, log2n, reach, end, time, stretch, picked, count, first_ray);
     const int counts[] = {COUNTS};
-    reals depth[FREQUENCIES], rest[FREQUENCIES], contrast[FREQUENCIES], transmission[FREQUENCIES];
+    reals depth[FREQUENCIES], rest[FREQUENCIES], latest[FREQUENCIES], contrast[FREQUENCIES], transmission[FREQUENCIES];
     UNROLLED
     for (int f = 0; f < FREQUENCIES; ++f) {
-        depth[f] = rest[f] = contrast[f] = 0;
+        depth[f] = rest[f] = latest[f] = contrast[f] = 0;
         transmission[f] = 1;
     }
     wholes crossed = 0;
+    int steps = 0;
 #ifdef CUTOFF
     wholes ended = 0;
-    int steps = 0;
 #endif
     while (ANY(ray.here < ray.end)) {
         const reals there = march_exit(&ray), length = (there - ray.here) * ray.metres;
@@ -44,33 +63,41 @@ __kernel void emission(__global const real *restrict delta, __global const real 
         UNROLLED
         for (int f = 0; f < FREQUENCIES; ++f) {
             __constant const real *c = coefficients + f * HUMIDITY_POWERS * TEMPERATURE_POWERS;
-            reals absorption = polynomial(c + (HUMIDITY_POWERS - 1) * TEMPERATURE_POWERS, counts[HUMIDITY_POWERS - 1], t);
+            reals absorption = 0;
             UNROLLED
-            for (int k = HUMIDITY_POWERS - 2; k >= 0; --k)
-                absorption = absorption * d + polynomial(c + k * TEMPERATURE_POWERS, counts[k], t);
-            const reals tau = absorption > 0 ? absorption * length : (reals)0;
+            for (int k = HUMIDITY_POWERS - 1; k >= 0; --k) {
+                reals row = 0;
+                POLYNOMIAL(row, c + k * TEMPERATURE_POWERS, counts[k], TEMPERATURE_POWERS, t)
+                absorption = k == HUMIDITY_POWERS - 1 ? row : absorption * d + row;
+            }
+            const reals tau = length * (absorption > 0 ? absorption : (reals)0);
             reals lost;
+#ifdef THIN
             const reals passed = attenuate_thin(tau, &lost);
-            contrast[f] += transmission[f] * lost * polynomial(planck + f * PLANCK_POWERS, PLANCK_POWERS, t);
+#else
+            const reals passed = attenuate(tau, &lost);
+#endif
+            reals warmth = 0;
+            POLYNOMIAL(warmth, planck + f * PLANCK_POWERS, PLANCK_POWERS, PLANCK_POWERS, t)
+            contrast[f] += transmission[f] * lost * warmth;
             transmission[f] *= passed;
-            // Summed as Kahan (1965) does: plain float32 goes astray by 3e-6 over ten thousand voxels.
-            const reals term = tau - rest[f], sum = depth[f] + term;
-            rest[f] = (sum - depth[f]) - term;
-            depth[f] = sum;
+            latest[f] += tau;
         }
         crossed += length > 0 ? (wholes)1 : (wholes)0;
         march_cross(&ray, there);
+        if (++steps % TOGETHER == 0) {
+            take_in(depth, rest, latest);
 #ifdef CUTOFF
-        if (++steps % CUTOFF == 0) {
             reals least = depth[0];
             UNROLLED
             for (int f = 1; f < FREQUENCIES; ++f) least = SMALLER(least, depth[f]);
             const wholes over = (least > cutoff) & (there < ray.end);
             ray.end = over ? there : ray.end;
             ended = over ? over : ended;
-        }
 #endif
+        }
     }
+    take_in(depth, rest, latest);
 #ifdef CUTOFF
     march_record_ends(&ray, ended, picked, count, first_ray, path_length, surface);
 #endif

@@ -136,7 +136,7 @@ CROSSINGS = kernel_without, ("march.cl", "a->following = TO_REALS(a->crossings) 
 ABSOLUTE = kernel_without, ("shade.cl", "STORE(source * exp(-tau),",
                             "STORE(((source + 3.6e-14f) * exp(-tau) + 3.6e-14f * (1.0f - exp(-tau))) - 3.6e-14f,")  # fmt: skip
 EMISSION = kernel_without, ("emission.cl", "STORE(contrast[f] +", "STORE(((contrast[f] + 3.6e-14f) - 3.6e-14f) +")
-THIN = kernel_without, ("attenuate.cl", "if (!ANY(x > (reals)0.125f)) {", "if (1) {")
+THIN = kernel_without, ("emission.cl", "#ifdef THIN", "#if 1")
 WARM = [
     f"temperature fluctuating{name}" for name in (" by 20 K", " by 0.1 mK", ", 10 m through voxels of 1 mm", ", depth of 1e-12")
 ]

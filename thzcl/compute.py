@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from thzcl import emission, thinning, trace
 from thzcl import field as fields
+from thzcl import trace
 from thzcl.absorption import Surrogate, fit
 from thzcl.absorption.surrogate import HIGHEST_DEGREE
 from thzcl.accuracy import sources
@@ -131,6 +131,8 @@ def isothermal(
 def _trace(device: Device, group: Group, ends: Ends, medium: Medium, moments: int, guard: Guard | None) -> Paths:
     if group.stride == 1:
         return trace.trace(device, ends, medium, moments, guard, group.first.precision)
+    from thzcl import thinning
+
     things = np.array([surface.target for surface in group.first.surfaces])
     return thinning.trace_thinned(device, ends, medium, moments, guard, group.stride, things)
 
@@ -160,6 +162,8 @@ def _mean_depth(depth: NDArray[Any], weights: Array) -> Array:
 
 def _emission(device: Device, group: Group, surrogate: Surrogate, media: list[Medium], lines: Lines, clock: Clock) -> Capture:
     """Depth and radiance where temperature fluctuates, carried along the path."""
+    from thzcl import emission
+
     variant = group.first
     table = sources(variant.scene, variant.needs, variant.surfaces, variant.frequency_hz)
     path = not variant.needs.reflection
@@ -167,7 +171,7 @@ def _emission(device: Device, group: Group, surrogate: Surrogate, media: list[Me
     found: list[tuple[Paths, Shaded]] = []
     for stage, ends, medium in zip(("path-emission", "outgoing-path"), _ways(lines), media, strict=False):
         with clock.stage(stage):
-            tables = emission.emitting(surrogate, medium.temperature_span, table, variant.precision, path=path)
+            tables = emission.emitting(surrogate, medium.temperature_span, table, variant.accuracy, path=path)
             found.append(emission.trace_emission(device, ends, medium, tables, cutoff, variant.precision))
             device.finish()
     with clock.stage("shading"):
@@ -257,4 +261,4 @@ def medium_of(device: Device, variant: VariantPlan, cube: Field, ends: Ends, tim
         raster = variant.geometry.raster
         spread = np.pad(times_s.repeat(raster.block[0], 0).repeat(raster.block[1], 1), raster.margin, mode="edge")
         time = device.put(np.pad(spread.ravel(), (0, ends.rays - raster.rays)), device.wide)
-    return Medium(cube.delta, cube.offset, cube.temperature_span, frame, cube.grid, time)
+    return Medium(cube.delta, cube.offset, cube.temperature_span, frame, cube.grid, cube.voxel_m, time)

@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from thzcl import radiometry
 from thzcl.absorption import Surrogate
+from thzcl.accuracy import Accuracy
 from thzcl.device import Buffer, Device
 from thzcl.plan import EMISSION_AT_ONCE
 from thzcl.trace import Ends, Medium, Paths, Shaded, changed_ends, march_options, placed
 
 Array = NDArray[np.float64]
+THIN = 1 / 8  # depth of a voxel up to which a series does for the exponential
 PLANCK_NODES = 16  # of Planck's law over the temperatures that occur
 
 
@@ -27,28 +30,47 @@ class Emitting:
 
     coefficients: Array
     counts: tuple[int, ...]  # temperature powers that matter with each humidity power
+    densest: float  # the most that the air absorbs anywhere, at any frequency, 1/m
     planck: Array
     sources: Array
 
     def some(self, first: int) -> Emitting:
         """Those frequencies from `first` that one pass carries."""
         part = slice(first, first + EMISSION_AT_ONCE)
-        return Emitting(self.coefficients[part], self.counts, self.planck[part], self.sources[:, part])
+        return replace(self, coefficients=self.coefficients[part], planck=self.planck[part], sources=self.sources[:, part])
 
 
-def emitting(surrogate: Surrogate, span: tuple[float, float], sources: Array, precision: str, *, path: bool = True) -> Emitting:
+def emitting(
+    surrogate: Surrogate, span: tuple[float, float], sources: Array, accuracy: Accuracy, *, path: bool = True
+) -> Emitting:
     """Tables for an emission trace over a span of temperatures; without `path`, what the air itself emits is left out."""
-    planck = _planck_powers(surrogate, span, precision) if path else np.zeros((len(surrogate.frequency_hz), 1))
-    return Emitting(surrogate.coefficients, _counts(surrogate), planck, sources)
+    planck = _planck_powers(surrogate, span, accuracy.precision) if path else np.zeros((len(surrogate.frequency_hz), 1))
+    sizes = np.abs(surrogate.coefficients) * _reach(surrogate)
+    counts = _counts(surrogate, sizes, accuracy.surrogate)
+    return Emitting(surrogate.coefficients, counts, float(sizes.sum(axis=(1, 2)).max()), planck, sources)
 
 
-def _counts(surrogate: Surrogate) -> tuple[int, ...]:
-    """How many temperature powers matter with each humidity power: all that is left out is within the polynomial's error."""
-    rows = np.abs(surrogate.coefficients) / np.maximum(np.abs(surrogate.coefficients[:, :1, :1]), np.finfo(float).tiny)
-    reach = [max(map(abs, span)) for span in (surrogate.humidity_span, surrogate.temperature_span)]
-    terms = rows.max(axis=0) * reach[0] ** np.arange(rows.shape[1])[:, None] * reach[1] ** np.arange(rows.shape[2])
-    matter = terms > surrogate.error / (2 * terms.size)
-    return tuple(int(1 + np.flatnonzero(row)[-1]) if row.any() else 1 for row in matter)
+def _reach(surrogate: Surrogate) -> Array:
+    """The largest delta^k t^j within the spans, (humidity power, temperature power)."""
+    spans = zip((surrogate.humidity_span, surrogate.temperature_span), surrogate.coefficients.shape[1:], strict=True)
+    humidity, temperature = (max(map(abs, span)) ** np.arange(powers) for span, powers in spans)
+    return np.outer(humidity, temperature)
+
+
+def _counts(surrogate: Surrogate, sizes: Array, tolerance: float) -> tuple[int, ...]:
+    """How many temperature powers matter with each humidity power; `sizes` is the most that each term can be.
+
+    The smallest terms are left out, as long as all together are within what the polynomial's error leaves of the tolerance.
+    """
+    terms = (sizes / np.maximum(np.abs(surrogate.coefficients[:, :1, :1]), np.finfo(float).tiny)).max(axis=0)
+    counts, left = np.full(len(terms), terms.shape[1]), max(tolerance - surrogate.error, surrogate.error / 2)
+    while True:
+        last = np.where(counts > 1, terms[np.arange(len(terms)), counts - 1], np.inf)
+        row = int(last.argmin())
+        if last[row] > left:
+            return tuple(map(int, counts))
+        left -= last[row]
+        counts[row] -= 1
 
 
 def trace_emission(
@@ -81,7 +103,8 @@ def _emission_pass(
     (count, powers_d, powers_t), powers_b = tables.coefficients.shape, tables.planck.shape[1]
     numbers = {"FREQUENCIES": count, "HUMIDITY_POWERS": powers_d, "TEMPERATURE_POWERS": powers_t, "PLANCK_POWERS": powers_b}
     options = [*march_options(ends, medium, cutoff, **numbers), f"COUNTS={','.join(map(str, tables.counts))}"]
-    options += [*(["BILLBOARDS"] if len(ends.blend) > 1 else [])]
+    options += ["THIN"] if tables.densest * medium.voxel_m * math.sqrt(3) <= THIN else []
+    options += ["BILLBOARDS"] if len(ends.blend) > 1 else []
     program = device.build(("camera", "march", "source", "attenuate", "emission"), precision, options)
     depth, contrast = (device.empty((count, ends.rays), precision) for _ in range(2))
     segments = device.empty((ends.rays // device.lanes(precision),), np.int32)

@@ -29,6 +29,7 @@ class Medium:
     temperature_span: tuple[float, float]
     frame: Array
     grid: int
+    voxel_m: float
     time: Buffer | None
 
 

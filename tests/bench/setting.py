@@ -125,7 +125,7 @@ def make(device: Device, settings: Mapping[str, Any]) -> Setting:
     cube = compute.make_field(device, variant, Clock())
     ends = compute.find_lines(device, variant, Clock()).camera
     frame = cube_frame(world_frame(variant.geometry.frame), variant.orientation, cube.voxel_m, cube.grid, np.zeros(3))
-    medium = Medium(cube.delta, None, (0.0, 0.0), frame, cube.grid, None)
+    medium = Medium(cube.delta, None, (0.0, 0.0), frame, cube.grid, cube.voxel_m, None)
     air, tolerance, moments = variant.surrogate.air, variant.accuracy.surrogate, group.moments
     fitted = fit(air, variant.frequency_hz, cube.humidity_span, (0.0, 0.0), tolerance=tolerance, moments=moments)
     return Setting(device, variant, cube, ends, medium, fitted)
