@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import io
 import os
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from tempfile import NamedTemporaryFile
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     import numpy as np
@@ -35,6 +37,58 @@ def write_whole(path: Path, write: Callable[[Path], object]) -> None:
     except BaseException:  # an interrupt too leaves nothing half written
         part.unlink(missing_ok=True)
         raise
+
+
+class Patient(io.RawIOBase):
+    """A new file for HDF5, which takes the process down where a disk is full: errors are kept, and raised once it is done.
+
+    After the first one nothing more is written, and what is read back is not to be believed.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._file = path.open("w+b")
+        self._error: OSError | None = None
+
+    def write(self, data: Any) -> int:
+        """Writes all of it."""
+        self._try(lambda: self._file.write(data))
+        return memoryview(data).nbytes
+
+    def readinto(self, buffer: Any) -> int:
+        """Reads what was written."""
+        return self._try(lambda: self._file.readinto(buffer)) or 0
+
+    def seek(self, offset: int, whence: int = os.SEEK_SET) -> int:
+        """Moves on."""
+        return self._try(lambda: self._file.seek(offset, whence)) or 0
+
+    def truncate(self, size: int | None = None) -> int:
+        """Cuts off, or makes longer."""
+        return self._try(lambda: self._file.truncate(size)) or 0
+
+    def flush(self) -> None:
+        """Hands over to the system."""
+        if not self.closed:
+            self._try(self._file.flush)
+
+    def close(self) -> None:
+        """Raises OSError, the first that came."""
+        if self.closed:
+            return
+        self.flush()
+        super().close()
+        with suppress(OSError):  # of a disk as full as before
+            self._file.close()
+        if self._error is not None:
+            raise self._error
+
+    def _try(self, work: Callable[[], int | None]) -> int | None:
+        if self._error is None:
+            try:
+                return work()
+            except OSError as error:
+                self._error = error
+        return None
 
 
 def inside(folder: Path, name: str, *, allow_outside: bool) -> Path:

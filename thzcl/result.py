@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -12,7 +11,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from thzcl.files import write_whole
+from thzcl.files import Patient, write_whole
 from thzcl.sensor import Echoes, Image, Radiances
 
 if TYPE_CHECKING:
@@ -84,8 +83,7 @@ class Result:
     def save(self, path: str | Path) -> Path:
         """Writes the NetCDF-4 file, whole or not at all. Raises OSError."""
         path = Path(path)
-        content = self._netcdf()
-        write_whole(path, lambda part: part.write_bytes(content))
+        write_whole(path, self._write_netcdf)
         return path
 
     def figure(self, path: str | Path) -> Path:
@@ -212,14 +210,13 @@ class Result:
     def _variables(self) -> dict[str, Variable]:
         sights = [v.sight for v in self.variants]
         passive = [sight for sight in sights if isinstance(sight, Radiances)]
+        kind = sights[0].optical_depth.dtype
         found = {
             **_radiometric(passive),
-            "optical_depth": _spectral([s.optical_depth for s in sights], "1", _depth_name(sights[0])),
+            "optical_depth": _spectral([(0.0, s.optical_depth) for s in sights], "1", _depth_name(sights[0]), kind),
             "path_length": _shared([s.path_length for s in sights], {"units": "m", "long_name": "length of the ray"}),
             "target": _shared([s.target for s in sights], self._flags()),
-            **_images(
-                [v.image for v in self.variants if v.image is not None], len(self.variants), sights[0].optical_depth.dtype
-            ),
+            **_images([v.image for v in self.variants if v.image is not None], len(self.variants), kind),
         }
         difference = self.image_difference()
         if difference is not None and self.difference is not None:
@@ -244,14 +241,12 @@ class Result:
             found["air_temperature"] = _shared(warmth, attrs, axes)
         return found
 
-    def _netcdf(self) -> memoryview:
-        """The file, in memory: HDF5 takes the process down when a disk is full, plain writing does not."""
+    def _write_netcdf(self, path: Path) -> None:
         import h5netcdf
         import h5py
 
         coordinates, variables = self._coordinates(), self._variables()
-        memory = io.BytesIO()
-        with h5netcdf.File(memory, "w") as file:
+        with Patient(path) as kept, h5netcdf.File(kept, "w") as file:
             file.attrs.update(self.attributes())
             for variable in (*coordinates.values(), *variables.values()):
                 for name, size in zip(variable.dims, variable.values.shape, strict=True):
@@ -261,7 +256,6 @@ class Result:
                 kind = h5py.string_dtype() if variable.values.dtype == object else variable.values.dtype
                 stored = file.create_variable(name, variable.dims, kind, data=variable.values)
                 stored.attrs.update(variable.attrs)
-        return memory.getbuffer()
 
 
 def _kelvins(value: float | None) -> str:
@@ -279,15 +273,21 @@ def _radiometric(passive: list[Radiances]) -> dict[str, Variable]:
         return {}
     contrast, kind = "brightness_temperature_contrast", passive[0].contrast.dtype
     above = "brightness temperature above the mean air's"
+    radiances = [(s.air_radiance[:, None, None], s.contrast) for s in passive]
+    kelvins = [s.brightness_temperature_contrast for s in passive]
+    airs = [s.air_temperature_k for s in passive]
     return {
-        "radiance": _spectral([s.radiance for s in passive], "W m-2 sr-1 Hz-1", "spectral radiance", kind),
-        "brightness_temperature": _spectral([s.brightness_temperature for s in passive], "K", "brightness temperature", kind),
-        contrast: _spectral([s.brightness_temperature_contrast for s in passive], "K", above, kind),
+        "radiance": _spectral(radiances, "W m-2 sr-1 Hz-1", "spectral radiance", kind),
+        "brightness_temperature": _spectral(list(zip(airs, kelvins, strict=True)), "K", "brightness temperature", kind),
+        contrast: _spectral([(0.0, kelvin) for kelvin in kelvins], "K", above, kind),
     }
 
 
-def _spectral(values: list[Array], units: str, name: str, kind: Any = None) -> Variable:
-    stored = np.stack(values, dtype=kind, casting="same_kind")
+def _spectral(sums: list[tuple[Any, Array]], units: str, name: str, kind: Any) -> Variable:
+    """One term and the other of each variant, added at once in the type that is stored."""
+    stored = np.empty((len(sums), *sums[0][1].shape), kind)
+    for (base, plane), out in zip(sums, stored, strict=True):
+        np.add(base, plane, out=out, casting="same_kind")
     attrs = {"units": units, "long_name": name, "coordinates": "y_angle x_angle"}
     return Variable(("variant", *SPECTRAL), stored, attrs)
 
