@@ -26,7 +26,8 @@ class PassiveSpectral(Sensor):
 
     def needs(self, view: View) -> Needs:  # noqa: ARG002 (the contract's)
         """The given frequencies."""
-        return Needs(frequency_hz=np.unique(self.params.frequency_ghz) * 1e9, optics=self.params.optics)
+        ascending = sorted({*np.atleast_1d(self.params.frequency_ghz)})
+        return Needs(frequency_hz=np.array(ascending) * 1e9, optics=self.params.optics)
 
     def observe(self, sight: Radiances, rng: np.random.Generator) -> Image:  # noqa: ARG002 (as above)
         """Brightness temperature in kelvin, averaged over the frequencies."""

@@ -28,6 +28,7 @@ SMALLEST_CUTOFF = 16.0
 SURROGATE, CUTOFF, BAND, STRIDE = 0.2, 0.1, 0.2, 0.5  # shares of a tolerance; they add up as squares
 ROUNDING = 2e-7  # float32: relative error of a depth and of its exponential, with room to spare
 STRIDES = (16, 8, 4, 2)
+SAMPLED = 64  # rows and columns of the raster, of whose rays an image is judged
 LOOSEST_FIT, TIGHTEST_FIT = 1e-2, 1e-13
 
 
@@ -87,7 +88,7 @@ def share_traced(raster: Raster, surfaces: list[Surface], rays: Rays, stride: in
     if stride == 1:
         return 1.0
     lattice = math.prod((n - 1) // stride + 2 for n in (raster.rows, raster.columns)) / raster.rays
-    things = np.array([s.target for s in surfaces])[rays.surface].reshape(min(64, raster.rows), -1)
+    things = np.array([s.target for s in surfaces])[rays.surface].reshape(min(SAMPLED, raster.rows), -1)
     cells = [max(n / sampled, 1) for n, sampled in zip((raster.rows, raster.columns), things.shape, strict=True)]
     edges = sum(np.mean(np.diff(things, axis=axis) != 0) / cells[axis] for axis in (0, 1) if things.shape[axis] > 1)
     return float(min(1.0, lattice + edges * 2 * stride))

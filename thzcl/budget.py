@@ -90,10 +90,10 @@ def _drawn(variant: VariantPlan, cube: Field | None, lines: Lines, rng: np.rando
     inside = optics.frame(raster, np.arange(raster.rays).reshape(raster.rows, raster.columns)).ravel()
     surface = lines.camera.surface.host()[: raster.rays]
     things = np.array([s.target for s in variant.surfaces])[surface[inside]]
-    rows = [np.flatnonzero(things == thing) for thing in np.unique(things)]
+    rows = [np.flatnonzero(things == thing) for thing in sorted({s.target for s in variant.surfaces})]
     count = _affordable(variant, cube)
     picks, weights = [], []
-    for members in rows:
+    for members in filter(len, rows):
         n = min(len(members), max(count // 8, round(count * len(members) / len(inside)), 2))
         picks.append(inside[rng.choice(members, n, replace=False)])
         weights.append(np.full(n, len(members) / len(inside) / n))

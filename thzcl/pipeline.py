@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import platform
+import sys
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -240,10 +241,10 @@ def _conditions(variant: VariantPlan, sight: Sight) -> tuple[str, ...]:
     """Frequency, range and air in words, for a picture's titles."""
     air = variant.scene.atmosphere.air
     on_target = sight.target >= FIRST_TARGET
-    seen = on_target if on_target.any() else np.ones_like(on_target)
+    lengths = sight.path_length[on_target if on_target.any() else ...].ravel()
     return (
         _band(variant.frequency_hz / 1e9),
-        f"{float(np.median(sight.path_length[seen])):.3g} m",
+        f"{np.partition(lengths, len(lengths) // 2)[len(lengths) // 2]:.3g} m",
         f"{air.temperature_k:.5g} K",
         f"{air.relative_humidity_percent:.3g} % RH",
         f"{air.absolute_humidity_g_m3:.3g} g/m³",
@@ -276,4 +277,6 @@ def _cubes(plan: Plan, seen: Mapping[str, Seen]) -> tuple[Cube, ...]:
 
 def versions() -> dict[str, str]:
     """Of thzcl, Python and the packages that numbers depend on."""
-    return {"thzcl": thzcl.__version__, "python": platform.python_version()} | {name: version(name) for name in PACKAGES}
+    own = {"thzcl": thzcl.__version__, "python": platform.python_version()}
+    # A package that is loaded tells its version at once; the metadata of one that is not take milliseconds to find.
+    return own | {name: getattr(sys.modules.get(name), "__version__", None) or version(name) for name in PACKAGES}

@@ -304,7 +304,10 @@ def pixel_angles(scene: Scene) -> tuple[float, float]:
 @lru_cache(maxsize=16)  # variants often have their geometry in common
 def sample_rays(shape: Geometry) -> Rays:
     """A few thousand rays; variants that have them in common ask once."""
-    rows, columns = (np.unique(np.linspace(0, n - 1, 64).astype(np.int64)) for n in (shape.raster.rows, shape.raster.columns))
+    rows, columns = (
+        np.arange(n) if n <= accuracy.SAMPLED else np.linspace(0, n - 1, accuracy.SAMPLED).astype(np.int64)
+        for n in (shape.raster.rows, shape.raster.columns)
+    )
     direction = geometry.directions(shape, np.repeat(rows, len(columns)), np.tile(columns, len(rows)))
     norm = np.linalg.norm(direction, axis=1)
     reach, surface = geometry.first_met(shape, direction)

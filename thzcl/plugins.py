@@ -8,6 +8,7 @@ from __future__ import annotations
 import inspect
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cache
 from importlib import import_module
 from typing import Any, get_args
 
@@ -72,6 +73,7 @@ def sensor_class(kind: str) -> type[Sensor]:
     return load(same[0])
 
 
+@cache  # variants ask again and again
 def load(origin: Origin) -> type[Sensor]:
     """Imports a plugin and returns its sensor. Raises PluginError naming plugin, distribution and reason."""
     manager = pluggy.PluginManager("thzcl")

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -144,11 +145,13 @@ def spectral_amplitude(grid: int, voxel_m: float, outer_scale_m: float | None, t
     return amplitude
 
 
+@lru_cache(maxsize=16)  # variants often have it in common
 def variance(grid: int, voxel_m: float, outer_scale_m: float | None, table: SpectrumTable | None = None) -> float:
     """Expected variance of the periodic cube's field for C^2 = 1: the sum of Psi dxi^3 over its wave vectors."""
-    axis = np.fft.fftfreq(grid, 1 / grid).astype(np.int64) ** 2
-    plane = np.bincount((axis[:, None] + axis[None, :]).ravel())
+    number = np.arange(-grid // 2, grid // 2)
+    along = np.bincount(number**2)  # wave numbers by their square
+    plane = np.bincount(np.add.outer(number**2, number**2).ravel())
     count = np.zeros(3 * (grid // 2) ** 2 + 1)
-    for square, times in zip(*np.unique(axis, return_counts=True), strict=True):
-        count[square : square + len(plane)] += times * plane
+    for square in np.flatnonzero(along):
+        count[square : square + len(plane)] += along[square] * plane
     return float(count @ spectral_amplitude(grid, voxel_m, outer_scale_m, table) ** 2)
