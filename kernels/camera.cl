@@ -1,13 +1,10 @@
 // The pinhole camera, and where rays start. Row 0 is the top of the image, column 0 its left as the camera sees it.
 //
 // Options: MOTION where pixels are taken at times of their own in moving air; OUTGOING for the way from a transmitter to
-// what the camera's rays met; PICKED where only some rays of the raster are followed, whose numbers `picked` lists.
+// what the camera's rays met.
 
-#ifdef PICKED
-#define RAY(slot) picked[slot]
-#else
-#define RAY(slot) (slot)
-#endif
+// The number of a ray that is followed: where only some rays of the raster are, `picked` lists them, else it is NULL.
+#define RAY(slot) (picked ? picked[slot] : (slot))
 
 typedef struct {
     wide x, y, z;

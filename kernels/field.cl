@@ -109,6 +109,7 @@ __kernel void humidity(__global float *restrict field, float scale, float shift)
     STORE(shift > 0 ? expm1(g - shift) : g < -1.0f ? (floats)-1.0f : g, at);
 }
 
+#if TWO_FIELDS
 // The two parts of a complex cube.
 __kernel void parts(__global const float2 *restrict both, __global float *restrict one, __global float *restrict other)
 {
@@ -123,3 +124,4 @@ __kernel void combine(__global float *restrict field, __global const float *rest
     const size_t i = (size_t)get_global_id(0) * LANES;
     STORE(along * LOAD(other + i) + across * LOAD(field + i), field + i);
 }
+#endif

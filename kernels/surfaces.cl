@@ -1,7 +1,7 @@
 // Where each ray ends: ground, boxes, billboards, or the longest range. In float64 where the device has it, a work-item a ray.
 //
 // Options: GROUND, BOXES and BILLBOARDS where the scene has them; COSINE where the slant of the surface is wanted;
-// OUTGOING and PICKED as in camera.cl.
+// OUTGOING as in camera.cl.
 
 #define BACKGROUND 0
 #define GROUND_PLANE 1

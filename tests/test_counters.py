@@ -20,7 +20,7 @@ SEGMENTS = {
     "slide": 29_799,
     "uniform": 0,
 }
-COUNTERS = {"programs": 4, "launches": 12, "bytes_copied": 17_484_568}
+COUNTERS = {"programs": 4, "launches": 12, "bytes_copied": 17_487_640}
 
 
 @pytest.fixture(scope="module")

@@ -168,7 +168,7 @@ class Program:
     def run(self, name: str, size: int | tuple[int, int, int], *arguments: Any) -> None:
         """Enqueues a kernel over `size` work-items, a multiple of 16 (along y, where there are three dimensions).
 
-        Buffers and NumPy scalars are passed as they are.
+        Buffers and NumPy scalars are passed as they are, None as a null pointer.
         """
         if name not in self._kernels:
             self._kernels[name] = cl.Kernel(self._program, name)

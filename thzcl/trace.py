@@ -13,6 +13,7 @@ from thzcl.geometry import Geometry, world_frame
 from thzcl.plan import DEPTH_CHECKED_EVERY
 
 Array = NDArray[np.float64]
+ROWS_APART = 64  # numbers between spectral rows: rays are often a power of two, whose rows would share a few lines of the cache
 
 
 @dataclass(frozen=True)
@@ -39,11 +40,6 @@ class Followed:
 
     count: int
     numbers: Buffer | None
-
-    @property
-    def options(self) -> list[str]:
-        """Build options."""
-        return [] if self.numbers is None else ["PICKED"]
 
     def padded(self, device: Device, precision: str) -> int:
         """How many slots they take in whole groups of packets."""
@@ -121,7 +117,7 @@ def find_ends(
     """Where every ray of the camera, or every one picked by number, ends: the nearest surface, or max_range_m."""
     followed = follow(device, geometry, picked)
     padded = followed.padded(device, precision)
-    options = [*_surfaces(geometry), *(["COSINE"] if cosine else []), *followed.options]
+    options = [*_surfaces(geometry), *(["COSINE"] if cosine else [])]
     program = device.build(("camera", "surfaces"), precision, options)
     reach = device.empty((padded,), device.wide)
     stretch, path_length = (device.empty((padded,), precision) for _ in range(2))
@@ -134,7 +130,7 @@ def find_ends(
         *_size(geometry),
         device.wide.type(geometry.max_range_m),
         *_things(device, geometry),
-        *_list(followed, surface),
+        *_list(followed),
         reach,
         stretch,
         path_length,
@@ -148,7 +144,7 @@ def find_ends(
 def outgoing_ends(device: Device, ends: Ends, transmitter_m: tuple[float, float, float], precision: str) -> Ends:
     """The ways from a transmitter to what each ray met; where nothing was, or something stands between, no way at all."""
     geometry = ends.geometry
-    program = device.build(("camera", "surfaces"), precision, [*_surfaces(geometry), "OUTGOING", *ends.followed.options])
+    program = device.build(("camera", "surfaces"), precision, [*_surfaces(geometry), "OUTGOING"])
     surface = device.put(ends.surface.host())
     end = device.empty((ends.rays,), device.wide)
     length = device.empty((ends.rays,), precision)
@@ -158,7 +154,7 @@ def outgoing_ends(device: Device, ends: Ends, transmitter_m: tuple[float, float,
         device.put(world_frame(geometry.frame, np.array(transmitter_m)), device.wide),
         *_size(geometry),
         *_things(device, geometry),
-        *_list(ends.followed, surface),
+        *_list(ends.followed),
         ends.reach,
         surface,
         end,
@@ -182,7 +178,7 @@ def trace(
     """
     some = followed or ends.followed
     path_length, surface = changed_ends(device, ends, guard)
-    options = [*march_options(ends, medium, guard, MOMENTS=moments), *some.options]
+    options = march_options(ends, medium, guard, MOMENTS=moments)
     program = device.build(("camera", "march", "trace"), precision, options)
     slots = some.padded(device, precision)
     out = device.empty((moments, slots), precision)
@@ -235,8 +231,8 @@ def there_and_back(device: Device, back: Paths, out: Paths) -> Paths:
 def shade(device: Device, paths: Paths, coefficients: Array, sources: Array, precision: str) -> Shaded:
     """Depth and contrast of isothermal air; `coefficients` (frequency, power) per metre, `sources` (surface, frequency)."""
     program, rays = _shading(device, paths, precision), len(paths.path_length)
-    count = len(coefficients)
-    depth, contrast = (device.empty((count, rays), precision) for _ in range(2))
+    count, row = len(coefficients), rays + ROWS_APART
+    depth, contrast = (device.empty((count, row), precision) for _ in range(2))
     program.run(
         "shade",
         rays // device.lanes(precision),
@@ -244,6 +240,7 @@ def shade(device: Device, paths: Paths, coefficients: Array, sources: Array, pre
         device.put(coefficients, precision),
         device.put(sources, precision),
         np.int32(count),
+        np.int32(row),
         depth,
         contrast,
     )
@@ -257,19 +254,19 @@ def shade_bands(
 
     No spectrum is stored.
     """
-    thinnest = np.where(passing > 0, coefficients[:, 0], np.inf).argmin(axis=1)
+    thinnest = coefficients[np.where(passing > 0, coefficients[:, 0], np.inf).argmin(axis=1)]
     program, rays = _shading(device, paths, precision, f"BANDS={len(weights)}"), len(paths.path_length)
     depth, contrast = (device.empty((len(weights), rays), precision) for _ in range(2))
     program.run(
         "shade_bands",
         rays // device.lanes(precision),
         *_shaded_paths(paths),
-        device.put(coefficients, precision),
+        device.put(thinnest, precision),
+        device.put(coefficients - thinnest[:, None], precision),
         device.put(passing, precision),
         device.put(weights[:, None, :] * sources, precision),
         np.int32(len(coefficients)),
         np.int32(len(sources)),
-        device.put(thinnest, np.int32),
         depth,
         contrast,
     )
@@ -320,16 +317,16 @@ def _size(geometry: Geometry) -> tuple[np.int32, np.int32]:
     return np.int32(geometry.raster.columns), np.int32(geometry.raster.rows)
 
 
-def _list(followed: Followed, stand_in: Buffer) -> tuple[Buffer, np.int32]:
-    """The kernel arguments that say which rays are followed; of all, no list is looked at."""
-    return followed.numbers or stand_in, np.int32(followed.count)
+def _list(followed: Followed) -> tuple[Buffer | None, np.int32]:
+    """The kernel arguments that say which rays are followed; of all there is no list."""
+    return followed.numbers, np.int32(followed.count)
 
 
 def placed(device: Device, ends: Ends, medium: Medium, followed: Followed) -> tuple[object, ...]:
     """The kernel arguments that place the rays in the cube and say how far they reach."""
     frame, log2n = device.put(medium.frame, device.wide), np.int32(medium.grid.bit_length() - 1)
     time = ends.reach if medium.time is None else medium.time
-    return frame, *_size(ends.geometry), log2n, ends.reach, ends.end, time, ends.stretch, *_list(followed, ends.surface)
+    return frame, *_size(ends.geometry), log2n, ends.reach, ends.end, time, ends.stretch, *_list(followed)
 
 
 def changed_ends(device: Device, ends: Ends, cut: object) -> tuple[Buffer, Buffer]:
