@@ -11,8 +11,8 @@ from conftest import ROOT
 
 # A module may import those that stand before it, in the flow's order, and none of those after.
 FLOW = [
-    "thzcl", "files", "linker", "clock", "absorption", "scenario", "radiometry", "bands", "sensor", "hookspecs", "plugins",
-    "spectrum_table", "turbulence", "field_file", "texture", "geometry", "optics", "accuracy", "plan", "refraction",
+    "thzcl", "files", "linker", "processor", "clock", "absorption", "scenario", "radiometry", "bands", "sensor", "hookspecs",
+    "plugins", "spectrum_table", "turbulence", "field_file", "texture", "geometry", "optics", "accuracy", "plan", "refraction",
     "overview", "device", "field", "trace", "emission", "thinning", "compute", "develop", "exposure", "ensemble", "reference",
     "budget", "figure", "result", "checks", "pipeline", "fluctuations", "convergence", "stress", "bench", "newsensor",
     "printing", "doctor", "options", "cli", "__main__",

@@ -6,6 +6,7 @@ import pytest
 
 from thzcl import pipeline, scenario
 from thzcl.clock import Clock
+from thzcl.compute import recipes
 from thzcl.device import open_device
 
 # Change these where a scene, a kernel's place in the flow, or what is handed to it changes on purpose, and say why; never
@@ -47,3 +48,14 @@ def test_every_scene_crosses_as_many_voxels_as_ever(counted, name):
 def test_the_device_is_asked_to_do_as_much_as_ever(counted):
     """One field, one trace and six shadings: kernels built, launched, and bytes that change hands."""
     assert counted("slide", 64, 64)[1] == COUNTERS
+
+
+@pytest.mark.parametrize("name", list(scenario.shipped()))
+def test_what_will_be_built_is_known_beforehand(name):
+    """So that two processes can share the work of a first run: no program too few, and none too many."""
+    plan = pipeline.prepare(name, {"camera.pixels": [16, 16]})
+    foretold, found = open_device(), open_device()
+    for recipe in recipes(plan):
+        foretold.build(*recipe)
+    pipeline.compute_images(plan, found, Clock())
+    assert set(foretold.build_options) == set(found.build_options)

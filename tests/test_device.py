@@ -94,6 +94,35 @@ def test_a_spoilt_cache_is_built_again(tmp_path, monkeypatch):
     assert not cached.read_bytes().endswith(b"?")
 
 
+@pocl_only
+def test_a_first_run_is_helped(tmp_path, monkeypatch):
+    """With empty caches a child builds what it is told to, after a first kernel; what it leaves is as good as one's own."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    wanted = [devices.Recipe(("field",), "float32", ("TWO_FIELDS=0",)), devices.Recipe(("camera", "surfaces"), "float32")]
+    devices.open_device(None, wanted)
+    programs = list((tmp_path / "thzcl" / "programs").iterdir())
+    assert len(programs) == len(wanted)
+    assert len(list((tmp_path / "thzcl" / "probed").iterdir())) == 1
+    monkeypatch.setattr(devices.Device, "_compiled", lambda *_: pytest.fail("nothing is left to build"))
+    again = devices.open_device(None, wanted)
+    for recipe in wanted:
+        again.build(*recipe)
+
+
+@pocl_only
+def test_a_helper_that_dies_is_done_without(tmp_path, monkeypatch):
+    """Once a linker is proved: then what it was to build is built here."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    devices.open_device()
+    monkeypatch.setattr(sys, "executable", shutil.which("false"))
+    wanted = [devices.Recipe(("thinning",), "float32", ("MOMENTS=1",)), devices.Recipe(("roofline",), "float32")]
+    opened = devices.open_device(None, wanted)
+    assert len(list((tmp_path / "thzcl" / "programs").iterdir())) == 1
+    for recipe in wanted:
+        opened.build(*recipe)
+    assert len(list((tmp_path / "thzcl" / "programs").iterdir())) == len(wanted)
+
+
 def test_buffers_outlive_the_kernels_that_use_them(device):
     """A buffer that goes out of scope while a kernel waits for it must not be freed."""
     program = device.build(("field",), "float32", ("TWO_FIELDS=1",))

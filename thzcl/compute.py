@@ -15,10 +15,10 @@ from thzcl.absorption import Surrogate, fit
 from thzcl.absorption.surrogate import HIGHEST_DEGREE
 from thzcl.accuracy import sources
 from thzcl.clock import Clock
-from thzcl.device import Buffer, Device
+from thzcl.device import Buffer, Device, Recipe
 from thzcl.field import Field
 from thzcl.geometry import Raster, cube_frame, world_frame
-from thzcl.plan import Group, VariantPlan
+from thzcl.plan import Group, Plan, VariantPlan
 from thzcl.trace import Ends, Guard, Medium, Paths, Shaded
 from thzcl.turbulence import Turbulence
 
@@ -48,6 +48,26 @@ class Capture:
     surface: NDArray[Any]
     between: NDArray[np.bool_] | None  # the rays that were interpolated, if any
     segments: int
+
+
+def recipes(plan: Plan) -> list[Recipe]:
+    """The programs that a plan is sure to need on a CPU, those that take longest to build first."""
+    found: dict[Recipe, None] = {}
+    for group in plan.groups:
+        first, precision = group.first, group.first.precision
+        made = first.field is not None and isinstance(first.field.source, Turbulence)
+        moments = group.moments if first.field is not None else 0
+        if made:
+            found[fields.recipe(full=not first.isothermal)] = None
+        if first.isothermal:
+            if moments:
+                moving = first.times_s is not None
+                found[trace.trace_recipe(moments, precision, group.cut, outgoing=False, moving=moving)] = None
+            for variant in group.variants:
+                bands, textured = 0 if variant.weights is None else len(variant.weights), len(variant.geometry.billboards) > 0
+                found[trace.shading_recipe(moments, precision, textured=textured, bands=bands)] = None
+        found[trace.surfaces_recipe(first.geometry, precision, cosine=first.needs.slant)] = None
+    return list(found)
 
 
 def make_field(device: Device, variant: VariantPlan, clock: Clock, library: str | None = None) -> Field | None:

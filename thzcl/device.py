@@ -2,22 +2,22 @@
 
 from __future__ import annotations
 
-import ctypes
 import hashlib
+import json
 import os
-import struct
+import sys
 import warnings
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pyopencl as cl
 from numpy.typing import DTypeLike, NDArray
 
-from thzcl import linker
+from thzcl import linker, processor
 
 KERNELS = Path(__file__).with_name("kernels")
 if not KERNELS.is_dir():  # straight from a checkout
@@ -25,6 +25,7 @@ if not KERNELS.is_dir():  # straight from a checkout
 
 GROUP = 16  # work-items in a group, always: PoCL builds a kernel anew for every other number
 SCIPY_FROM = 256  # grid from which SciPy's threads make up for the time its import takes
+PROBE = "__kernel void probe(__global int *a) { a[get_global_id(0)] = 1; }"
 _ALIGNMENT = 128  # bytes
 
 
@@ -49,22 +50,34 @@ def devices() -> list[DeviceInfo]:
     return [_info(number, device) for number, device in enumerate(_all())]
 
 
-def open_device(choice: str | None = None) -> Device:
+class Recipe(NamedTuple):
+    """What a program is built from: files in order, behind lanes.cl, and options, names or NAME=value."""
+
+    files: tuple[str, ...]
+    precision: str
+    options: tuple[str, ...] = ()
+
+
+def open_device(choice: str | None = None, recipes: Sequence[Recipe] = ()) -> Device:
     """The chosen device, ready for kernels: a number, or part of a name, platform or kind; by default PoCL's CPU.
 
-    Raises DeviceError if there is none, if the choice is not clear, or if its driver cannot build kernels.
+    `recipes` are programs that will be wanted: where PoCL has not built them before, it does so now, on two cores. Raises
+    DeviceError if there is no device, if the choice is not clear, or if its driver cannot build kernels.
     """
     found = _all()
     if not found:
         raise DeviceError("OpenCL sees no device; run `thzcl doctor`")
     infos = [_info(number, device) for number, device in enumerate(found)]
     info = _chosen(infos, choice)
-    if info.platform == "Portable Computing Language":
-        _name_processor(found[info.number])
-        trouble = linker.check(f"{info.platform} {info.driver} {info.name}")
-        if trouble:
-            raise DeviceError(trouble)
-    return Device(found[info.number], info)
+    if info.platform != "Portable Computing Language":
+        return Device(found[info.number], info)
+    processor.give_name(found[info.number])
+    missing = linker.prepare()
+    if missing:
+        raise DeviceError(missing)
+    opened = Device(found[info.number], info)
+    opened.get_ready(recipes)
+    return opened
 
 
 def _chosen(infos: list[DeviceInfo], choice: str | None) -> DeviceInfo:
@@ -193,7 +206,7 @@ class Device:
         self.largest_buffer = int(device.max_mem_alloc_size)
         self.in_use: list[Buffer] = []  # by kernels not known to have ended: their memory must outlast them
         self.counters = Counters()
-        self._programs: dict[tuple[tuple[str, ...], tuple[str, ...]], Program] = {}
+        self._programs: dict[Recipe, Program] = {}
 
     @property
     def memory_bytes(self) -> int:
@@ -205,7 +218,8 @@ class Device:
     @property
     def build_options(self) -> list[str]:
         """Every program built so far, with its options."""
-        return [f"{'+'.join(names[1:])}: {' '.join(options)}" for names, options in self._programs]
+        words = ((recipe.files, self._source(recipe)[1]) for recipe in self._programs)
+        return [f"{'+'.join(files)}: {' '.join(option.removeprefix('-D') for option in options)}" for files, options in words]
 
     @property
     def wide(self) -> np.dtype[Any]:
@@ -231,37 +245,78 @@ class Device:
         self.queue.finish()
         self.in_use.clear()
 
+    def get_ready(self, recipes: Sequence[Recipe]) -> None:
+        """Builds with PoCL what is not in the cache, with a child's help; the child goes first where nothing is proved yet.
+
+        Raises DeviceError if the child cannot build a kernel, for PoCL would take this process down too.
+        """
+        driver = f"{self.info.platform} {self.info.driver} {self.info.name}"
+        proved = linker.is_proved(driver)
+        wanted = [recipe for recipe in recipes if not self._cached(*self._source(recipe)).exists()]
+        if proved and len(wanted) < 2:
+            return
+        share = len(wanted) // 2 if proved else 1
+        work = {"device": self.info.number, "proved": proved, "recipes": wanted[:share]}
+        helper = linker.Helper(driver, json.dumps(work))
+        try:
+            own = [(source, options, self._compiled(source, options)) for source, options in map(self._source, wanted[share:])]
+            trouble = None if proved else helper.trouble()
+            if trouble:
+                raise DeviceError(trouble)
+            for source, options, program in own:  # nothing is linked before
+                self._keep(self._cached(source, options), program)
+            helper.wait()
+        finally:
+            helper.stop()
+
     def build(self, files: Sequence[str], precision: str, options: Sequence[str] = ()) -> Program:
-        """The kernels of some files, in order, behind lanes.cl. `options` are names or NAME=value."""
-        common = [f"LANES={self.lanes(precision)}", f"PRECISION={precision.removeprefix('float')}"]
-        common += ["WIDE"] if self.float64 else []
-        names = ("lanes", *files)
-        key = (names, (*common, *options))
-        if key not in self._programs:
-            source = "".join(f'#line 1 "{name}.cl"\n{(KERNELS / f"{name}.cl").read_text(encoding="utf-8")}\n' for name in names)
+        """The kernels of a recipe."""
+        recipe = Recipe(tuple(files), precision, tuple(options))
+        if recipe not in self._programs:
             self.counters.programs += 1
-            self._programs[key] = Program(self, self._built(source, [f"-D{option}" for option in key[1]]))
-        return self._programs[key]
+            self._programs[recipe] = Program(self, self._built(*self._source(recipe)))
+        return self._programs[recipe]
+
+    def _source(self, recipe: Recipe) -> tuple[str, list[str]]:
+        """The text of a recipe, and the compiler's options."""
+        common = [f"LANES={self.lanes(recipe.precision)}", f"PRECISION={recipe.precision.removeprefix('float')}"]
+        common += ["WIDE"] if self.float64 else []
+        files = [(name, (KERNELS / f"{name}.cl").read_text(encoding="utf-8")) for name in ("lanes", *recipe.files)]
+        source = "".join(f'#line 1 "{name}.cl"\n{text}\n' for name, text in files)
+        return source, [f"-D{option}" for option in (*common, *recipe.options)]
 
     def _built(self, source: str, options: list[str]) -> Any:
         """A program from its binary of an earlier run, twenty times faster to load, or else from its source."""
-        platform = self.context.devices[0].platform.version
-        identity = "\0".join([source, *options, self.info.platform, platform, self.info.driver, self.info.name, _processor()])
-        cached = linker.cache_folder() / "programs" / hashlib.sha256(identity.encode()).hexdigest()
+        cached = self._cached(source, options)
         with suppress(OSError, cl.Error):
             digest, binary = cached.read_bytes()[:32], cached.read_bytes()[32:]
             if hashlib.sha256(binary).digest() == digest:
                 return cl.Program(self.context, self.context.devices, [binary]).build()
+        program = self._compiled(source, options)
+        self._keep(cached, program)
+        return program
+
+    def _compiled(self, source: str, options: list[str]) -> Any:
+        """A program from its source; on PoCL nothing is linked yet."""
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # the compiler's remarks; its errors are raised
-            program = cl.Program(self.context, source).build(options)
-        with suppress(OSError):  # a cache that cannot be written is done without
+            return cl.Program(self.context, source).build(options)
+
+    def _keep(self, cached: Path, program: Any) -> None:
+        """Writes a program's binary, linked, for later runs; a cache that cannot be written is done without."""
+        binary = program.get_info(cl.program_info.BINARIES)[0]
+        with suppress(OSError):
             cached.parent.mkdir(parents=True, exist_ok=True)
-            binary = program.get_info(cl.program_info.BINARIES)[0]
             part = cached.with_suffix(f".{os.getpid()}")
             part.write_bytes(hashlib.sha256(binary).digest() + binary)
             part.replace(cached)
-        return program
+
+    def _cached(self, source: str, options: list[str]) -> Path:
+        """Where the binary of a program is kept: by all that it depends on."""
+        platform = self.context.devices[0].platform.version
+        info, name = self.info, processor.known_name()
+        identity = "\0".join([source, *options, info.platform, platform, info.driver, info.name, name])
+        return linker.cache_folder() / "programs" / hashlib.sha256(identity.encode()).hexdigest()
 
     def usual_library(self, grid: int) -> str:
         """The fastest for one cube: reikna on anything but a CPU, there NumPy, and from 256 cubed on SciPy with all cores."""
@@ -295,56 +350,21 @@ class Device:
         return self.put(result) if half else spectrum.fill(result)
 
 
-def _name_processor(device: Any) -> None:
-    """Tells PoCL which processor it runs on, where its LLVM 14 has never heard of it.
-
-    For processors newer than 2022 PoCL 3.0 asks its compiler for the CPU "generic", which that refuses: no kernel builds at
-    all. There is no option for it, so the name is mended in PoCL's own device structure, and only if the place where this
-    very build of PoCL keeps it does hold "generic". The new name is one whose instructions the processor has.
-    """
-    known_build = "OpenCL 3.0 PoCL 3.0-rc2  Linux, Release, RELOC, LLVM 14.0.6, SLEEF, DISTRO, POCL_DEBUG"
-    offset = 640  # of `llvm_cpu` in struct _cl_device_id
-    if not device.version.endswith("-generic") or device.platform.version.strip() != known_build:
-        return
-    with suppress(OSError), Path("/proc/self/mem").open("rb", buffering=0) as memory:
-        memory.seek(device.int_ptr + offset)
-        (pointer,) = struct.unpack("Q", memory.read(8))
-        memory.seek(pointer)
-        if memory.read(8) != b"generic\0":
-            return
-        libc = ctypes.CDLL(None)
-        libc.strdup.restype = ctypes.c_void_p
-        name = libc.strdup(_processor().encode())
-        ctypes.c_uint64.from_address(device.int_ptr + offset).value = name
-
-
-def _processor() -> str:
-    """A processor that LLVM 14 knows, no more able than this one, and as able as the kernel library that PoCL picks."""
-    flags: set[str] = set()
-    with suppress(OSError):
-        line = next(line for line in Path("/proc/cpuinfo").read_text().splitlines() if line.startswith("flags"))
-        flags = set(line.split())
-    if {"avx512f", "avx512bw", "avx512cd", "avx512dq", "avx512vl"} <= flags:
-        return "skylake-avx512"
-    return "haswell" if {"avx2", "fma", "bmi2", "movbe"} <= flags else "x86-64"
-
-
-def _probe() -> None:
-    """Builds and runs a kernel on PoCL's CPU; run in a child process, since failing may end it."""
-    device = next(device for device in _all() if device.platform.name == "Portable Computing Language")
-    _name_processor(device)
-    context = cl.Context([device])
-    queue = cl.CommandQueue(context)
-    program = cl.Program(context, "__kernel void probe(__global int *a) { a[get_global_id(0)] = 1; }").build()
-    memory = cl.Buffer(context, cl.mem_flags.READ_WRITE, 4 * GROUP)
-    kernel = cl.Kernel(program, "probe")
-    kernel.set_arg(0, memory)
-    cl.enqueue_nd_range_kernel(queue, kernel, (GROUP,), (GROUP,))
-    answer = np.zeros(GROUP, np.int32)
-    cl.enqueue_copy(queue, answer, memory)
-    if not answer.all():
-        raise SystemExit("a kernel ran, but what it computed is wrong")
+def _help() -> None:
+    """What a helper does, a child process: it builds and runs a first kernel, which may end it, and then more programs."""
+    work = json.load(sys.stdin)
+    raw = _all()[work["device"]]
+    processor.give_name(raw)
+    device = Device(raw, _info(work["device"], raw))
+    if not work["proved"]:
+        answer = device.put(np.zeros(GROUP, np.int32))
+        Program(device, cl.Program(device.context, PROBE).build()).run("probe", GROUP, answer)
+        if not answer.host().all():
+            raise SystemExit("a kernel ran, but what it computed is wrong")
+        print(linker.PROVED, flush=True)
+    for files, precision, options in work["recipes"]:
+        device.build(files, precision, options)
 
 
 if __name__ == "__main__":
-    _probe()
+    _help()

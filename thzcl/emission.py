@@ -102,7 +102,8 @@ def _emission_pass(
 ) -> tuple[Shaded, Buffer]:
     (count, powers_d, powers_t), powers_b = tables.coefficients.shape, tables.planck.shape[1]
     numbers = {"FREQUENCIES": count, "HUMIDITY_POWERS": powers_d, "TEMPERATURE_POWERS": powers_t, "PLANCK_POWERS": powers_b}
-    options = [*march_options(ends, medium, cutoff, **numbers), f"COUNTS={','.join(map(str, tables.counts))}"]
+    options = list(march_options(cutoff, outgoing=ends.outgoing, moving=medium.time is not None, **numbers))
+    options += [f"COUNTS={','.join(map(str, tables.counts))}"]
     options += ["THIN"] if tables.densest * medium.voxel_m * math.sqrt(3) <= THIN else []
     options += ["BILLBOARDS"] if len(ends.blend) > 1 else []
     program = device.build(("camera", "march", "source", "attenuate", "emission"), precision, options)

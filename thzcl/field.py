@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from thzcl import field_file
-from thzcl.device import Buffer, Device, Program
+from thzcl.device import Buffer, Device, Program, Recipe
 from thzcl.field_file import CubeFile
 from thzcl.turbulence import Turbulence, spectral_amplitude
 
@@ -50,7 +50,7 @@ def generate(
     """
     two = turbulence.temperature_fluctuates
     full = two or library == "reikna" or not device.in_place
-    program = device.build(("field",), "float32", (f"TWO_FIELDS={int(full)}",))
+    program = device.build(*recipe(full=full))
     humidity, second = _gaussians(device, program, turbulence, full, library)
     expected = math.sqrt(turbulence.unit_variance)
     items = turbulence.grid**3 // device.lanes("float32")
@@ -71,6 +71,11 @@ def generate(
     notes, span = _limit(humidity, span, ceiling)
     delta = _as_precise(device, humidity, precision)
     return Field(turbulence.grid, turbulence.voxel_m, delta, offset, span, temperature_span, notes)
+
+
+def recipe(*, full: bool) -> Recipe:
+    """The program that makes fields, of a full spectrum or of half a one."""
+    return Recipe(("field",), "float32", (f"TWO_FIELDS={int(full)}",))
 
 
 def _gaussians(device: Device, program: Program, t: Turbulence, full: bool, library: str | None) -> tuple[Buffer, Buffer]:

@@ -1,6 +1,6 @@
 """PoCL links each new kernel with the system's `ld`, and takes the whole process down where that fails. Look before the leap.
 
-Knows no OpenCL: it finds a linker, puts the ziglang wheel's in its place where there is none, and runs a probe in a child.
+Knows no OpenCL: it finds a linker, puts the ziglang wheel's in its place where there is none, and has a child go first.
 """
 
 from __future__ import annotations
@@ -12,10 +12,14 @@ import stat
 import subprocess
 import sys
 import tempfile
+from contextlib import suppress
 from importlib.util import find_spec
 from pathlib import Path
+from typing import IO
 
 REMEDY = "`apt-get install gcc` (Debian and Ubuntu) or `pip install 'thzcl[linker]'` provides it"
+
+PROVED = "a first kernel was built and run"
 
 # What PoCL asks for beyond the object file itself, libraries included, is found at load time or not needed.
 _SHIM = """#!/bin/sh
@@ -54,30 +58,63 @@ def prepare() -> str | None:
     return None
 
 
-def check(driver: str) -> str | None:
-    """Runs a first kernel of `driver` in a child process, once for each linker and driver; what is wrong, if anything is."""
-    missing = prepare()
-    if missing:
-        return missing
+class Helper:
+    """A child process that builds programs. Where PoCL takes it down, this one has been warned; else the two share the work.
+
+    `driver` names what is proved by its first kernel, once for each linker; `work` is what thzcl.device reads there.
+    """
+
+    def __init__(self, driver: str, work: str) -> None:
+        self._driver = driver
+        path = os.pathsep.join([str(Path(__file__).parents[1]), os.environ.get("PYTHONPATH", "")])
+        self._child = subprocess.Popen(
+            [sys.executable, "-m", "thzcl.device"],
+            env=os.environ | {"PYTHONPATH": path},
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+        )
+        with suppress(BrokenPipeError), self._pipe(self._child.stdin) as words:
+            words.write(work)
+
+    def trouble(self) -> str | None:
+        """Waits for the first kernel, and tells what is wrong, if anything is."""
+        said = []
+        for line in self._pipe(self._child.stdout):
+            if line.strip() == PROVED:
+                with suppress(OSError):  # then the next run looks again
+                    marker = _marker(self._driver)
+                    marker.parent.mkdir(parents=True, exist_ok=True)
+                    marker.touch()
+                return None
+            said += [line.strip()[:200]] if line.strip() else []
+        why = f"most often for want of a linker; {REMEDY}" + (f" (it said: {said[0]})" if said else "")
+        return f"a first kernel could not be built and run with {self._driver}, {why}"
+
+    def wait(self) -> None:
+        """Until all is built."""
+        self._pipe(self._child.stdout).read()
+        self._child.wait()
+
+    def stop(self) -> None:
+        """Whatever it is doing."""
+        self._child.kill()
+        self._child.wait()
+        self._pipe(self._child.stdout).close()
+
+    @staticmethod
+    def _pipe(stream: IO[str] | None) -> IO[str]:
+        assert stream is not None  # noqa: S101 (it was asked for)
+        return stream
+
+
+def is_proved(driver: str) -> bool:
+    """Whether a first kernel of `driver` has been built and run, with the linker that is there now."""
+    return _marker(driver).exists()
+
+
+def _marker(driver: str) -> Path:
     linker = Path(shutil.which("ld") or "ld")
     identity = f"{driver} {linker} {linker.stat().st_mtime_ns} {sys.prefix}"
-    marker = cache_folder() / "probed" / hashlib.sha256(identity.encode()).hexdigest()[:16]
-    if marker.exists():
-        return None
-    child = subprocess.run(
-        [sys.executable, "-m", "thzcl.device"],
-        env=os.environ | {"PYTHONPATH": os.pathsep.join([str(Path(__file__).parents[1]), os.environ.get("PYTHONPATH", "")])},
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    if child.returncode != 0:
-        lines = [line for line in (child.stdout + child.stderr).splitlines() if line.strip()]
-        said = f" (it said: {lines[0].strip()[:200]})" if lines else ""
-        return f"a first kernel could not be built and run with {driver}, most often for want of a linker; {REMEDY}{said}"
-    try:
-        marker.parent.mkdir(parents=True, exist_ok=True)
-        marker.touch()
-    except OSError:
-        pass  # then the next run looks again
-    return None
+    return cache_folder() / "probed" / hashlib.sha256(identity.encode()).hexdigest()[:16]

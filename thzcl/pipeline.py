@@ -92,9 +92,10 @@ def run(
     with clock.stage("plan"):
         plan = prepare(source, settings, variants, allow_outside=allow_outside)
     with clock.stage("device"):
+        from thzcl.compute import recipes
         from thzcl.device import open_device
 
-        opened = open_device(device)
+        opened = open_device(device, recipes(plan))
     return compute_images(plan, opened, clock, figure=figure)
 
 

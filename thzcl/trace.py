@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from thzcl.device import GROUP, Buffer, Device
+from thzcl.device import GROUP, Buffer, Device, Program, Recipe
 from thzcl.geometry import Geometry, world_frame
 from thzcl.plan import DEPTH_CHECKED_EVERY
 
@@ -117,8 +117,7 @@ def find_ends(
     """Where every ray of the camera, or every one picked by number, ends: the nearest surface, or max_range_m."""
     followed = follow(device, geometry, picked)
     padded = followed.padded(device, precision)
-    options = [*_surfaces(geometry), *(["COSINE"] if cosine else [])]
-    program = device.build(("camera", "surfaces"), precision, options)
+    program = device.build(*surfaces_recipe(geometry, precision, cosine=cosine))
     reach = device.empty((padded,), device.wide)
     stretch, path_length = (device.empty((padded,), precision) for _ in range(2))
     surface = device.empty((padded,), np.int32)
@@ -178,8 +177,7 @@ def trace(
     """
     some = followed or ends.followed
     path_length, surface = changed_ends(device, ends, guard)
-    options = march_options(ends, medium, guard, MOMENTS=moments)
-    program = device.build(("camera", "march", "trace"), precision, options)
+    program = device.build(*trace_recipe(moments, precision, guard, outgoing=ends.outgoing, moving=medium.time is not None))
     slots = some.padded(device, precision)
     out = device.empty((moments, slots), precision)
     segments = device.empty((slots // device.lanes(precision),), np.int32)
@@ -255,7 +253,7 @@ def shade_bands(
     No spectrum is stored.
     """
     thinnest = coefficients[np.where(passing > 0, coefficients[:, 0], np.inf).argmin(axis=1)]
-    program, rays = _shading(device, paths, precision, f"BANDS={len(weights)}"), len(paths.path_length)
+    program, rays = _shading(device, paths, precision, len(weights)), len(paths.path_length)
     depth, contrast = (device.empty((len(weights), rays), precision) for _ in range(2))
     program.run(
         "shade_bands",
@@ -273,10 +271,9 @@ def shade_bands(
     return Shaded(depth, contrast)
 
 
-def _shading(device: Device, paths: Paths, precision: str, *options: str) -> Any:
+def _shading(device: Device, paths: Paths, precision: str, bands: int = 0) -> Program:
     moments = 0 if paths.moments is None else len(paths.moments)
-    textured = ["BILLBOARDS"] if len(paths.blend) > 1 else []
-    return device.build(("source", "attenuate", "shade"), precision, [f"MOMENTS={moments}", *options, *textured])
+    return device.build(*shading_recipe(moments, precision, textured=len(paths.blend) > 1, bands=bands))
 
 
 def _shaded_paths(paths: Paths) -> tuple[Buffer, ...]:
@@ -306,11 +303,27 @@ def _things(device: Device, geometry: Geometry) -> tuple[object, ...]:
     )
 
 
-def march_options(ends: Ends, medium: Medium, guarded: object, **numbers: int) -> list[str]:
+def surfaces_recipe(geometry: Geometry, precision: str, *, cosine: bool) -> Recipe:
+    """The program that finds where rays end."""
+    return Recipe(("camera", "surfaces"), precision, (*_surfaces(geometry), *(["COSINE"] if cosine else [])))
+
+
+def trace_recipe(moments: int, precision: str, guarded: object, *, outgoing: bool, moving: bool) -> Recipe:
+    """The program that adds up path moments."""
+    options = march_options(guarded, outgoing=outgoing, moving=moving, MOMENTS=moments)
+    return Recipe(("camera", "march", "trace"), precision, options)
+
+
+def shading_recipe(moments: int, precision: str, *, textured: bool, bands: int = 0) -> Recipe:
+    """The program that makes depth and contrast of path moments; `bands` if only those are wanted."""
+    options = (f"MOMENTS={moments}", *([f"BANDS={bands}"] if bands else []), *(["BILLBOARDS"] if textured else []))
+    return Recipe(("source", "attenuate", "shade"), precision, options)
+
+
+def march_options(guarded: object, *, outgoing: bool, moving: bool, **numbers: int) -> tuple[str, ...]:
     """The build options of kernels that go from voxel to voxel."""
-    options = [f"{name}={value}" for name, value in numbers.items()]
-    options += [f"CUTOFF={DEPTH_CHECKED_EVERY}"] if guarded else []
-    return options + (["OUTGOING"] if ends.outgoing else []) + (["MOTION"] if medium.time is not None else [])
+    present = ((f"CUTOFF={DEPTH_CHECKED_EVERY}", guarded), ("OUTGOING", outgoing), ("MOTION", moving))
+    return (*(f"{name}={value}" for name, value in numbers.items()), *(name for name, there in present if there))
 
 
 def _size(geometry: Geometry) -> tuple[np.int32, np.int32]:
