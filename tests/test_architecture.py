@@ -15,7 +15,7 @@ FLOW = [
     "plugins", "spectrum_table", "turbulence", "field_file", "texture", "geometry", "optics", "accuracy", "plan", "refraction",
     "overview", "device", "field", "trace", "emission", "thinning", "compute", "develop", "exposure", "ensemble", "reference",
     "budget", "figure", "result", "checks", "pipeline", "fluctuations", "convergence", "stress", "bench", "newsensor",
-    "printing", "doctor", "options", "cli", "__main__",
+    "printing", "doctor", "options", "cli", "entry", "__main__",
 ]  # fmt: skip
 STRANGERS = [
     ("field", "trace"),

@@ -33,7 +33,7 @@ STAGES = [
 
 
 def test_help_imports_nothing_heavy():
-    code = "import sys; from thzcl.cli import entry; entry(['--help']); print({'numpy', 'pyopencl'} & set(sys.modules))"
+    code = "import sys; from thzcl.entry import entry; entry(['--help']); print({'numpy', 'pyopencl'} & set(sys.modules))"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=ROOT, check=True)
     assert done.stdout.strip().endswith("set()")
     for command in (

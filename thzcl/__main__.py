@@ -14,7 +14,7 @@ def main() -> None:
     """Runs the command line; every failure is a message and an exit code, never a traceback."""
     _set_up()
     try:
-        from thzcl.cli import entry
+        from thzcl.entry import entry
 
         code = entry(sys.argv[1:])
     except KeyboardInterrupt:  # before or after the command itself

@@ -6,7 +6,7 @@ import json
 import sys
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Optional
+from typing import Annotated, Optional
 
 import typer
 
@@ -24,10 +24,8 @@ from thzcl.options import (
     UsageError,
     Variants,
     changes,
+    complain,
 )
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable
 
 app = typer.Typer(
     help="What will this terahertz imager see, through this air?",
@@ -36,55 +34,12 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-INTERRUPTED = 130
-_USAGE_ERROR: Any = typer.BadParameter.__mro__[2]  # ClickException, wherever this typer keeps it
 
 
-def entry(arguments: list[str]) -> int:
-    """Runs a command line and returns its exit code: 0, 2 bad input, 3 no device, 4 numbers or plugin, 130 interrupted."""
-    try:
-        code = app(arguments, standalone_mode=False) or 0
-        sys.stdout.flush()
-    except typer.Exit as stop:
-        code = stop.exit_code
-    except (KeyboardInterrupt, typer.Abort):
-        code = INTERRUPTED
-    except BrokenPipeError:  # the reader has seen enough
-        sys.stdout = None  # so that nothing is flushed into it at exit
-        code = 0
-    except _USAGE_ERROR as error:
-        error.show()
-        code = 2
-    except Exception as error:  # noqa: BLE001 (those that are not explained are raised again)
-        code = _explained(error)
-    if code == INTERRUPTED:
-        _complain(["interrupted; nothing was left half-written"], code)
-    return int(code)
-
-
-def _explained(error: Exception) -> int:
-    """The message and exit code of an error that a user can do something about; others are ours, and raised."""
-    if isinstance(error, OSError):
-        place = f"{error.filename}: " if error.filename else ""
-        return _complain([f"{place}{error.strerror or error}; choose another place, or make room"], 2)
-    codes = {
-        "ScenarioError": 2,
-        "PluginError": 2,
-        "UsageError": 2,
-        "RecordError": 2,
-        "DeviceError": 3,
-        "NumbersError": 4,
-        "SensorFailure": 4,
-    }
-    if type(error).__name__ not in codes:
-        raise error
-    return _complain(getattr(error, "problems", [str(error)]), codes[type(error).__name__])
-
-
-def _complain(lines: Iterable[str], code: int) -> int:
-    for line in lines:
-        print(line, file=sys.stderr)
-    return code
+@app.callback()
+def _commands() -> None:
+    # Typer makes a group of what has a callback, be there one command or many.
+    pass
 
 
 @app.command()
@@ -291,7 +246,7 @@ def stress(device: DeviceChoice = None, how: HowToTabulate = TableFormat.table) 
         printing.as_csv(found)
     else:
         printing.stress(found)
-    return _complain([f"{len(failed)} of {len(found)} cases failed: {', '.join(failed)}"], 4) if failed else 0
+    return complain([f"{len(failed)} of {len(found)} cases failed: {', '.join(failed)}"], 4) if failed else 0
 
 
 @app.command()

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import sys
+from collections.abc import Iterable
 from enum import StrEnum
 from typing import Annotated, Any
 
@@ -60,3 +62,10 @@ def changes(given: list[str] | None) -> dict[str, Any]:
         except tomli.TOMLDecodeError:
             found[name.strip()] = text
     return found
+
+
+def complain(lines: Iterable[str], code: int) -> int:
+    """Prints what is wrong, and returns the exit code."""
+    for line in lines:
+        print(line, file=sys.stderr)
+    return code

@@ -218,7 +218,7 @@ class Plan:
     @property
     def frequency_hz(self) -> Array:
         """Every frequency of every variant."""
-        return np.unique(np.concatenate([variant.frequency_hz for variant in self.variants]))
+        return np.array(sorted({*np.concatenate([variant.frequency_hz for variant in self.variants])}))
 
     @property
     def moments(self) -> int:
