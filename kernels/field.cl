@@ -6,11 +6,25 @@ typedef VECTOR(int) ints;
 typedef VECTOR(float) floats;
 #define TO_FLOATS(x) VECTOR(convert_float)(x)
 
+// Both words of a product of 32 bits by 32. To PoCL mul_hi is a function call, around which every vector is spilt.
+static inline uints product(uint a, uints b, uints *high)
+{
+#if LANES == 8
+    const uint8 one = as_uint8(as_ulong4((uint8)(b.s0, 0, b.s1, 0, b.s2, 0, b.s3, 0)) * (ulong)a);
+    const uint8 two = as_uint8(as_ulong4((uint8)(b.s4, 0, b.s5, 0, b.s6, 0, b.s7, 0)) * (ulong)a);
+    *high = (uint8)(one.odd, two.odd);
+    return (uint8)(one.even, two.even);
+#else
+    *high = mul_hi((uints)a, b);
+    return a * b;
+#endif
+}
+
 static void philox(uints *c0, uints *c1, uints *c2, uints *c3, uint2 key)
 {
     for (int round = 0; round < 10; ++round) {
-        const uints high0 = mul_hi((uints)0xD2511F53u, *c0), low0 = 0xD2511F53u * *c0;
-        const uints high1 = mul_hi((uints)0xCD9E8D57u, *c2), low1 = 0xCD9E8D57u * *c2;
+        uints high0, high1;
+        const uints low0 = product(0xD2511F53u, *c0, &high0), low1 = product(0xCD9E8D57u, *c2, &high1);
         *c0 = high1 ^ *c1 ^ key.x;
         *c2 = high0 ^ *c3 ^ key.y;
         *c1 = low1;
@@ -37,7 +51,7 @@ static void normals(uints a, uints b, floats *one, floats *other)
 __kernel void spectrum(__global float2 *restrict out, __global const float *restrict amplitude, int n, uint2 seed, uint stream)
 {
     const int row = get_global_id(0) * LANES, ky = get_global_id(1), kz = get_global_id(2);
-    const int mirror_y = (n - ky) & (n - 1), mirror_z = (n - kz) & (n - 1), y = min(ky, mirror_y), z = min(kz, mirror_z);
+    const int mirror_y = (n - ky) & (n - 1), mirror_z = (n - kz) & (n - 1), y = SMALLER(ky, mirror_y), z = SMALLER(kz, mirror_z);
     const ints kx = row + LANE_NUMBERS;
 
     // In the planes x = 0 and n/2 the mirror image lies in the plane itself: the earlier of the two draws for both.
