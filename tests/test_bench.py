@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import sys
 
 import numpy as np
@@ -11,6 +12,7 @@ from conftest import ROOT
 sys.path.append(str(ROOT / "tests" / "bench"))
 import claims
 import mitsuba_march
+import readme
 import rivals
 import setting
 import timing
@@ -95,3 +97,12 @@ def test_a_claim_without_times_is_measured(device):
     share, memory = claims.uniform(device, 1)
     assert share.measured == memory.measured == 0
     assert share.met and memory.met
+
+
+def test_readme_shows_the_records():
+    """Its tables are made of them, by `python tests/bench --output tests/bench/record.json --readme`."""
+    found = json.loads((ROOT / "tests" / "bench" / "record.json").read_text(encoding="utf-8"))
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    assert readme.section(found) in text
+    assert readme.replaced(text, found) == text
+    assert readme.replaced(text, found | {"repeat": 99}) != text

@@ -88,7 +88,11 @@ def bench(
 def surroundings() -> dict[str, Any]:
     """What a measured time belongs to: machine, commit (None outside a checkout) and versions."""
     return {
-        "machine": {"processor": _processor(), "cores": len(os.sched_getaffinity(0)), "system": platform.platform()},
+        "machine": {
+            "processor": _processor(),
+            "cores": len(os.sched_getaffinity(0)),
+            "system": platform.system(),
+        },
         "commit": _commit(),
         "versions": pipeline.versions(),
     }

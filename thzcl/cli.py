@@ -55,6 +55,9 @@ def run(
     how: HowToPrint = Format.text,
 ) -> None:
     """Compute the images of a scenario: DIR/<scenario>.nc and DIR/<scenario>.png."""
+    from thzcl import linker
+
+    helper = linker.head_start()  # before the imports that take long
     from thzcl import pipeline, printing
     from thzcl.checks import NumbersError
     from thzcl.files import make_folder
@@ -72,6 +75,7 @@ def run(
                 figure=not no_figure,
                 allow_outside=allow_outside,
                 progress=progress,
+                helper=helper,
             )
         except NumbersError as failure:
             failure.result.save(files[0])

@@ -25,6 +25,7 @@ if not KERNELS.is_dir():  # straight from a checkout
 
 GROUP = 16  # work-items in a group, always: PoCL builds a kernel anew for every other number
 SCIPY_FROM = 256  # grid from which SciPy's threads make up for the time its import takes
+WORTH_HELP = 4  # programs, for which a helper's own start is made up for
 PROBE = "__kernel void probe(__global int *a) { a[get_global_id(0)] = 1; }"
 _ALIGNMENT = 128  # bytes
 
@@ -58,11 +59,12 @@ class Recipe(NamedTuple):
     options: tuple[str, ...] = ()
 
 
-def open_device(choice: str | None = None, recipes: Sequence[Recipe] = ()) -> Device:
+def open_device(choice: str | None = None, recipes: Sequence[Recipe] = (), helper: linker.Helper | None = None) -> Device:
     """The chosen device, ready for kernels: a number, or part of a name, platform or kind; by default PoCL's CPU.
 
-    `recipes` are programs that will be wanted: where PoCL has not built them before, it does so now, on two cores. Raises
-    DeviceError if there is no device, if the choice is not clear, or if its driver cannot build kernels.
+    `recipes` are programs that will be wanted: where PoCL has not built them before, it does so now, in two processes, of which
+    `helper` is one that waits already. Raises DeviceError if there is no device, if the choice is not clear, or if its driver
+    cannot build kernels.
     """
     found = _all()
     if not found:
@@ -76,7 +78,7 @@ def open_device(choice: str | None = None, recipes: Sequence[Recipe] = ()) -> De
     if missing:
         raise DeviceError(missing)
     opened = Device(found[info.number], info)
-    opened.get_ready(recipes)
+    opened.get_ready(recipes, helper if choice is None else None)
     return opened
 
 
@@ -245,7 +247,7 @@ class Device:
         self.queue.finish()
         self.in_use.clear()
 
-    def get_ready(self, recipes: Sequence[Recipe]) -> None:
+    def get_ready(self, recipes: Sequence[Recipe], helper: linker.Helper | None = None) -> None:
         """Builds with PoCL what is not in the cache, with a child's help; the child goes first where nothing is proved yet.
 
         Raises DeviceError if the child cannot build a kernel, for PoCL would take this process down too.
@@ -253,18 +255,19 @@ class Device:
         driver = f"{self.info.platform} {self.info.driver} {self.info.name}"
         proved = linker.is_proved(driver)
         wanted = [recipe for recipe in recipes if not self._cached(*self._source(recipe)).exists()]
-        if proved and len(wanted) < 2:
+        if proved and len(wanted) < WORTH_HELP:
             return
-        share = len(wanted) // 2 if proved else 1
-        work = {"device": self.info.number, "proved": proved, "recipes": wanted[:share]}
-        helper = linker.Helper(driver, json.dumps(work))
+        theirs = wanted[::WORTH_HELP]  # fewer than half: a helper has its own start and a first kernel to see to
+        helper = helper or linker.Helper(self.info.number)
         try:
-            own = [(source, options, self._compiled(source, options)) for source, options in map(self._source, wanted[share:])]
-            trouble = None if proved else helper.trouble()
+            helper.send(json.dumps(theirs))
+            own = [(recipe, self._compiled(*self._source(recipe))) for recipe in wanted if recipe not in theirs]
+            trouble = None if proved else helper.trouble(driver)
             if trouble:
                 raise DeviceError(trouble)
-            for source, options, program in own:  # nothing is linked before
-                self._keep(self._cached(source, options), program)
+            for recipe, program in own:  # nothing is linked before
+                self._keep(self._cached(*self._source(recipe)), program)
+                self._add(recipe, program)
             helper.wait()
         finally:
             helper.stop()
@@ -273,9 +276,12 @@ class Device:
         """The kernels of a recipe."""
         recipe = Recipe(tuple(files), precision, tuple(options))
         if recipe not in self._programs:
-            self.counters.programs += 1
-            self._programs[recipe] = Program(self, self._built(*self._source(recipe)))
+            self._add(recipe, self._built(*self._source(recipe)))
         return self._programs[recipe]
+
+    def _add(self, recipe: Recipe, program: Any) -> None:
+        self.counters.programs += 1
+        self._programs[recipe] = Program(self, program)
 
     def _source(self, recipe: Recipe) -> tuple[str, list[str]]:
         """The text of a recipe, and the compiler's options."""
@@ -350,21 +356,20 @@ class Device:
         return self.put(result) if half else spectrum.fill(result)
 
 
-def _help() -> None:
+def _help(number: str | None = None) -> None:
     """What a helper does, a child process: it builds and runs a first kernel, which may end it, and then more programs."""
-    work = json.load(sys.stdin)
-    raw = _all()[work["device"]]
-    processor.give_name(raw)
-    device = Device(raw, _info(work["device"], raw))
-    if not work["proved"]:
-        answer = device.put(np.zeros(GROUP, np.int32))
-        Program(device, cl.Program(device.context, PROBE).build()).run("probe", GROUP, answer)
-        if not answer.host().all():
-            raise SystemExit("a kernel ran, but what it computed is wrong")
-        print(linker.PROVED, flush=True)
-    for files, precision, options in work["recipes"]:
+    found = _all()
+    info = _chosen([_info(place, raw) for place, raw in enumerate(found)], number)
+    processor.give_name(found[info.number])
+    device = Device(found[info.number], info)
+    answer = device.put(np.zeros(GROUP, np.int32))
+    Program(device, cl.Program(device.context, PROBE).build()).run("probe", GROUP, answer)
+    if not answer.host().all():
+        raise SystemExit("a kernel ran, but what it computed is wrong")
+    print(linker.PROVED, flush=True)
+    for files, precision, options in json.loads(sys.stdin.read() or "[]"):
         device.build(files, precision, options)
 
 
 if __name__ == "__main__":
-    _help()
+    _help(*sys.argv[1:])

@@ -61,36 +61,38 @@ def prepare() -> str | None:
 class Helper:
     """A child process that builds programs. Where PoCL takes it down, this one has been warned; else the two share the work.
 
-    `driver` names what is proved by its first kernel, once for each linker; `work` is what thzcl.device reads there.
+    It builds and runs a first kernel, on the device of that number or else the default one, and then what it is sent.
     """
 
-    def __init__(self, driver: str, work: str) -> None:
-        self._driver = driver
+    def __init__(self, device: int | None = None) -> None:
         path = os.pathsep.join([str(Path(__file__).parents[1]), os.environ.get("PYTHONPATH", "")])
-        self._child = subprocess.Popen(
-            [sys.executable, "-m", "thzcl.device"],
+        self._child = subprocess.Popen(  # noqa: S603 (no word of it is a user's)
+            [sys.executable, "-m", "thzcl.device", *([] if device is None else [str(device)])],
             env=os.environ | {"PYTHONPATH": path},
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
             text=True,
         )
+
+    def send(self, work: str) -> None:
+        """All that there is to do, for thzcl.device to read."""
         with suppress(BrokenPipeError), self._pipe(self._child.stdin) as words:
             words.write(work)
 
-    def trouble(self) -> str | None:
-        """Waits for the first kernel, and tells what is wrong, if anything is."""
+    def trouble(self, driver: str) -> str | None:
+        """Waits for the first kernel, and tells what is wrong, if anything is; `driver` names what that proves."""
         said = []
         for line in self._pipe(self._child.stdout):
             if line.strip() == PROVED:
                 with suppress(OSError):  # then the next run looks again
-                    marker = _marker(self._driver)
+                    marker = _marker(driver)
                     marker.parent.mkdir(parents=True, exist_ok=True)
                     marker.touch()
                 return None
             said += [line.strip()[:200]] if line.strip() else []
         why = f"most often for want of a linker; {REMEDY}" + (f" (it said: {said[0]})" if said else "")
-        return f"a first kernel could not be built and run with {self._driver}, {why}"
+        return f"a first kernel could not be built and run with {driver}, {why}"
 
     def wait(self) -> None:
         """Until all is built."""
@@ -107,6 +109,13 @@ class Helper:
     def _pipe(stream: IO[str] | None) -> IO[str]:
         assert stream is not None  # noqa: S101 (it was asked for)
         return stream
+
+
+def head_start() -> Helper | None:
+    """Where no kernel was ever built, a helper that begins while this process still imports what it needs."""
+    if (cache_folder() / "probed").exists() or prepare() is not None:
+        return None
+    return Helper()
 
 
 def is_proved(driver: str) -> bool:

@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from thzcl.device import Device
     from thzcl.exposure import Exposed, Known
     from thzcl.field import Field
+    from thzcl.linker import Helper
 
 Sight = Radiances | Echoes
 Array = NDArray[np.float64]
@@ -80,13 +81,15 @@ def run(
     figure: bool = True,
     allow_outside: bool = False,
     progress: Progress | None = None,
+    helper: Helper | None = None,
 ) -> Result:
     """Computes the images of a scenario: a TOML file, a result to run again, or the name of a shipped scene.
 
     `settings` changes keys ({"targets.box.temperature_k": 300.0}), `variants` picks some by name, `device` is a number or
     part of a name; `figure` says whether a picture will be wanted; `allow_outside` lets pictures and tables lie outside the
-    scenario's folder. Nothing is written: see Result.save and Result.figure. Raises ScenarioError for bad input, DeviceError
-    without a usable device, SensorFailure and NumbersError if a sensor fails.
+    scenario's folder; `helper` is a process begun beforehand that builds kernels. Nothing is written: see Result.save and
+    Result.figure. Raises ScenarioError for bad input, DeviceError without a usable device, SensorFailure and NumbersError if a
+    sensor fails.
     """
     clock = Clock(progress)
     with clock.stage("plan"):
@@ -95,7 +98,7 @@ def run(
         from thzcl.compute import recipes
         from thzcl.device import open_device
 
-        opened = open_device(device, recipes(plan))
+        opened = open_device(device, recipes(plan), helper)
     return compute_images(plan, opened, clock, figure=figure)
 
 

@@ -12,6 +12,7 @@ import rivals
 import setting
 from timing import Record, alternate, stages, tell
 
+from thzcl import bench as benchmark
 from thzcl import overview, pipeline
 from thzcl.device import Device
 from thzcl.plan import Plan
@@ -20,11 +21,20 @@ from thzcl.scenario import ScenarioError
 FIVE_GHZ = [640, 645, 650, 655, 660]
 MANY_GHZ = [600 + i for i in range(101)]
 TRACED = ("trace", "shading")
+GATHERED = ("stages", "trace"), ("roofline", "gather-coherent")
 QUIET = {"numerics.error_budget": False}
 
 
 def planned(name: str, settings: Mapping[str, Any], variants: tuple[str, ...] = (setting.VARIANT,)) -> Plan:
     return pipeline.prepare(name, QUIET | dict(settings), variants if name == "slide" else ())
+
+
+def trace_alone(_device: Device, repeat: int) -> list[Record]:
+    """Voxel segments a second, and what share that is of a kernel that only gathers."""
+    found = benchmark.bench("slide", settings=QUIET, variants=(setting.VARIANT,), repeat=repeat)
+    trace, gather = (next(row for row in found[kind] if row["name"] == name) for kind, name in GATHERED)
+    note = f"{100 * trace['share']:.0f} % of a kernel that only gathers, {gather['voxels_per_second'] / 1e9:.3g} G voxels/s"
+    return [Record("trace of slide", trace["segments_per_second"] / 1e9, 1.0, "G segments/s", at_least=True, note=note)]
 
 
 def six_panels(device: Device, repeat: int) -> list[Record]:
@@ -148,7 +158,7 @@ def whole_process(_device: Device, repeat: int) -> list[Record]:
     ]
 
 
-CLAIMS = (six_panels, linear, many_frequencies, fluctuating_temperature, field, uniform, ensemble, whole_process)
+CLAIMS = (trace_alone, six_panels, linear, many_frequencies, fluctuating_temperature, field, uniform, ensemble, whole_process)
 
 
 def measure(device: Device, repeat: int, only: str = "") -> list[Record]:

@@ -12,6 +12,7 @@ from timing import alternate
 
 import thzcl
 
+ALTERED = ("PYTHONDONTWRITEBYTECODE", "OPENBLAS_NUM_THREADS")  # that this process may have, and a user's shell has not
 IMPORTS = "import numpy, pyopencl, pluggy, pydantic, typer, rich, h5netcdf"
 
 
@@ -38,7 +39,9 @@ def _run(command: list[str], here: Path, caches: Path) -> None:
     own = {"XDG_CACHE_HOME": str(caches), "POCL_CACHE_DIR": str(caches / "pocl"), "PYTHONPATH": str(_root())}
     for folder in (caches, caches / "pocl"):
         folder.mkdir(exist_ok=True)
-    subprocess.run(command, cwd=here, env=os.environ | own, check=True, capture_output=True)
+    # As installed: modules compiled once, not at every start.
+    environment = {name: value for name, value in os.environ.items() if name not in ALTERED} | own
+    subprocess.run(command, cwd=here, env=environment, check=True, capture_output=True)
 
 
 def _root() -> Path:
