@@ -70,10 +70,14 @@ def brightness_temperature_contrast(frequency_hz: Any, radiance_contrast: Any, r
     dn = np.asarray(radiance_contrast, dtype=np.float64) / radiance_unit(frequency_hz)
     l_r = np.log1p(1 / n_r)
     with np.errstate(divide="ignore", invalid="ignore"):
-        contrast = np.log1p(dn / (n_r * (n_r + 1 + dn))) / np.log1p(1 / (n_r + dn))
-    contrast = contrast * (photon_temperature(frequency_hz) / l_r)
-    # No radiance at all is 0 K, that is, minus the reference.
-    return np.where(n_r + dn <= 0, -np.asarray(reference_k, dtype=np.float64), contrast)
+        less = np.log1p(dn / (n_r * (n_r + 1 + dn)))
+        logarithm = np.asarray(l_r - less)
+        hot = logarithm < l_r / 2  # beyond twice the reference the difference loses its digits
+        if hot.any():
+            logarithm = np.where(hot, np.log1p(1 / (n_r + dn)), logarithm)
+        contrast = np.asarray(less / logarithm * (photon_temperature(frequency_hz) / l_r))
+    dark = n_r + dn <= 0  # no radiance at all is 0 K, that is, minus the reference
+    return np.where(dark, -np.asarray(reference_k, dtype=np.float64), contrast) if dark.any() else contrast
 
 
 def surface_contrast(
