@@ -1,8 +1,8 @@
 // What a depth leaves and what it takes away, each to its own rounding: 1 less the one is not the other.
 
 // exp(-x), and in `lost` 1 - exp(-x), for x >= 0 (or not far below), each with a relative error below 2e-7 (float32): by
-// reduction to |r| <= ln(2)/2, where expm1(r) = r + r^2 q(r) with q of degree 4, the best uniformly. The library's expm1 costs a
-// multiple.
+// reduction to |r| <= ln(2)/2, where expm1(r) = r + r^2 q(r) with q of degree 4, the best uniformly. The library's expm1 costs
+// a multiple.
 static inline reals attenuate(reals x, reals *lost)
 {
 #if PRECISION == 64

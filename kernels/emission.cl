@@ -39,8 +39,9 @@ __kernel void emission(__global const real *restrict delta, __global const real 
                        __global const wide *restrict time, __global const real *restrict stretch,
                        __global const int *restrict picked, int count, __global real *restrict path_length,
                        __global int *restrict surface, __constant real *coefficients, __constant real *planck,
-                       __global const real *restrict emitted, __global const real *restrict blend, real cutoff, __global int *restrict segments,
-                       __global real *restrict depth_out, __global real *restrict contrast_out)
+                       __global const real *restrict emitted, __global const real *restrict blend, real cutoff,
+                       __global int *restrict segments, __global real *restrict depth_out,
+                       __global real *restrict contrast_out)
 {
     const int packet = get_global_id(0), first_ray = packet * LANES, padded = get_global_size(0) * LANES;
     march ray = march_start(cube, width, height, log2n, reach, end, time, stretch, picked, count, first_ray);

@@ -51,7 +51,8 @@ static void normals(uints a, uints b, floats *one, floats *other)
 __kernel void spectrum(__global float2 *restrict out, __global const float *restrict amplitude, int n, uint2 seed, uint stream)
 {
     const int row = get_global_id(0) * LANES, ky = get_global_id(1), kz = get_global_id(2);
-    const int mirror_y = (n - ky) & (n - 1), mirror_z = (n - kz) & (n - 1), y = SMALLER(ky, mirror_y), z = SMALLER(kz, mirror_z);
+    const int mirror_y = (n - ky) & (n - 1), mirror_z = (n - kz) & (n - 1);
+    const int y = SMALLER(ky, mirror_y), z = SMALLER(kz, mirror_z);
     const ints kx = row + LANE_NUMBERS;
 
     // In the planes x = 0 and n/2 the mirror image lies in the plane itself: the earlier of the two draws for both.

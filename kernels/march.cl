@@ -56,8 +56,9 @@ typedef struct {
     reals metres;      // to a unit of the ray's parameter
 } march;
 
-// The rays of a packet at their start, those from number `first` of the `count` that are followed. `reach` is how far the camera's ray goes, `end` how far the ray that is followed;
-// they are the same but for the outgoing way. `time` is when each ray is taken, in seconds.
+// The rays of a packet at their start, those from number `first` of the `count` that are followed. `reach` is how far the
+// camera's ray goes, `end` how far the ray that is followed; they are the same but for the outgoing way. `time` is when each
+// ray is taken, in seconds.
 static march march_start(__constant frame *cube, int width, int height, int log2n, __global const wide *reach,
                          __global const wide *end, __global const wide *time, __global const real *stretch,
                          __global const int *picked, int count, int first)

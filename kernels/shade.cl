@@ -52,9 +52,9 @@ __kernel void shade(__global const real *restrict path_length, __global const re
 #ifdef BANDS
 // The same as `shade`, summed over frequency with weights, without ever storing a spectrum: depth of the mean transmission and
 // contrast of each band, both (band, ray). `weights` (band, frequency) sum to 1; `emitted` (band, surface, frequency) has its
-// own multiplied in. Sums are taken relative to the depth at each band's least absorbing frequency, of which `thinnest` holds the
-// coefficients (band, MOMENTS + 1), and `beyond` what the others have more (band, frequency, MOMENTS + 1): what sums leave and
-// what they lose then both keep their digits, in air of any depth.
+// own multiplied in. Sums are taken relative to the depth at each band's least absorbing frequency, of which `thinnest` holds
+// the coefficients (band, MOMENTS + 1), and `beyond` what the others have more (band, frequency, MOMENTS + 1): what sums leave
+// and what they lose then both keep their digits, in air of any depth.
 __kernel void shade_bands(__global const real *restrict path_length, __global const real *restrict moments,
                           __global const int *restrict surface, __global const real *restrict blend,
                           __global const real *restrict thinnest, __global const real *restrict beyond,

@@ -141,8 +141,9 @@ static void meet_all(const things *all, point origin, point direction, wide norm
 #endif
 }
 
-// For each of the `count` rays that are followed, in their order: `reach` in the ray's parameter; `path_length` in metres, and `stretch`, metres per unit of the parameter; `surface` and
-// `blend` as in source.cl; `cosine` of the angle between ray and normal.
+// For each of the `count` rays that are followed, in their order: `reach` in the ray's parameter; `path_length` in metres, and
+// `stretch`, metres per unit of the parameter; `surface` and `blend` as in source.cl; `cosine` of the angle between ray and
+// normal.
 __kernel void surfaces(__constant frame *camera, int width, int height, wide max_range, __constant box *boxes,
                        __constant int2 *stripes, int box_count, __constant billboard *billboards,
                        __constant texture *textures, __global const float *texels, int billboard_count,

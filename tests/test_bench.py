@@ -9,6 +9,9 @@ import numpy as np
 import pytest
 from conftest import ROOT
 
+from thzcl import pipeline
+from thzcl.clock import Clock
+
 sys.path.append(str(ROOT / "tests" / "bench"))
 import claims
 import mitsuba_march
@@ -36,6 +39,23 @@ def test_ours_on_packets_and_on_single_rays(device, small):
     assert error(small, small.trace()) < FLOAT32
     assert error(plain, plain.trace()) < FLOAT32
     assert plain.trace().segments == pytest.approx(small.trace().segments, rel=1e-4)
+
+
+WARM = {"atmosphere.fluctuations.temperature_sigma_k": 0.5, "sensor.frequency_ghz": [640, 660]}
+
+
+@pytest.mark.parametrize(
+    ("name", "settings"),
+    [("slide", {}), ("slide", WARM), ("slide", {"numerics.ray_stride": 4}), ("figure7", {}), ("figure8", {}), ("raster", {})],
+)
+def test_images_of_single_rays_as_a_gpu_has_them(device, name, settings):
+    """Every kernel with one ray to a work-item gives the images that packets give, to float32's rounding."""
+    single = setting.OneLane(device.context.devices[0], device.info)
+    plan = pipeline.prepare(name, {"camera.pixels": [24, 24], "numerics.error_budget": False} | settings)
+    ours, theirs = (pipeline.compute_images(plan, one, Clock()).variants for one in (device, single))
+    for packed, alone in zip(ours, theirs, strict=True):
+        largest = np.abs(packed.image.values).max()
+        assert np.allclose(packed.image.values, alone.image.values, rtol=0, atol=FLOAT32 * largest)
 
 
 def test_a_tolerance_thins_the_rays(device, small):

@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import errno
+import itertools
 import json
+from pathlib import Path
+from types import SimpleNamespace
 
 import h5netcdf
 import numpy as np
@@ -10,6 +14,8 @@ import pytest
 from scenes import run, scene
 
 from thzcl import radiometry
+
+METHODS = ("write", "readinto", "seek", "truncate", "flush", "close")
 
 
 @pytest.fixture(scope="module")
@@ -151,3 +157,45 @@ def test_python_users_get_a_result(tmp_path):
     assert list(tmp_path.iterdir()) == []
     with pytest.raises(AttributeError):
         thzcl.nothing  # noqa: B018
+
+
+@pytest.fixture
+def failing(monkeypatch):
+    """Files whose nth call of a method raises."""
+
+    def fail(method, number, error):
+        opened = Path.open
+
+        def spoilt(path, *arguments, **options):
+            file, calls = opened(path, *arguments, **options), itertools.count(1)
+            original = getattr(file, method)
+
+            def call(*given):
+                if next(calls) != number:
+                    return original(*given)
+                if method == "close":
+                    file.close()
+                raise error
+
+            return SimpleNamespace(**{name: getattr(file, name) for name in METHODS} | {method: call})
+
+        monkeypatch.setattr(Path, "open", spoilt)
+
+    return fail
+
+
+@pytest.mark.parametrize("number", [1, 20, 60, 90])
+def test_an_interrupt_amid_writing_leaves_nothing_and_no_crash(two, tmp_path, failing, number):
+    """HDF5 writes most when it closes the file, and cannot bear an exception there."""
+    failing("write", number, KeyboardInterrupt())
+    with pytest.raises(KeyboardInterrupt):
+        two[0].save(tmp_path / "two.nc")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_an_error_told_only_at_the_end_is_an_error(two, tmp_path, failing):
+    """As of a quota on a network's disk."""
+    failing("close", 1, OSError(errno.EDQUOT, "quota exceeded"))
+    with pytest.raises(OSError, match="quota"):
+        two[0].save(tmp_path / "two.nc")
+    assert list(tmp_path.iterdir()) == []

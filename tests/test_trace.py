@@ -7,6 +7,7 @@ import oracle
 import pytest
 from scenes import run, scene
 
+from thzcl import trace
 from thzcl.geometry import ROTATIONS
 
 # Of the image's largest depth: what float32 leaves along some hundred voxels, and float64.
@@ -238,3 +239,17 @@ def test_the_cut_off_ends_rays_and_changes_nothing_else(tmp_path):
     assert 0 < kept.sum() < kept.size
     assert np.array_equal(guarded.optical_depth[0][kept], shallow.optical_depth[0][kept])
     assert np.all(guarded.target[~kept] == 0)
+
+
+@pytest.mark.parametrize("precision", ["float32", "float64"])
+def test_bands_far_apart_do_not_disturb_each_other(device, precision):
+    """One lets everything pass, the other nothing: what is no part of a band, however deep or thin, is worth nothing in it."""
+    rays = 128
+    length = device.put(np.linspace(1, 2000, rays), precision)
+    surface, blend = device.put(np.zeros(rays, np.int32)), device.empty((1,), precision)
+    paths = trace.Paths(length, surface, blend, None, 0)
+    coefficients, each = np.array([[1e-4], [1.0]]), np.eye(2)
+    shaded = trace.shade_bands(device, paths, coefficients, np.ones((1, 2)), each, each, precision)
+    depth = coefficients * length.host()
+    assert np.allclose(shaded.depth.host(), depth, rtol=1e-6, atol=0)
+    assert np.allclose(shaded.contrast.host(), np.exp(-depth), rtol=1e-5, atol=1e-30)

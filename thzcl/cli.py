@@ -5,8 +5,10 @@ from __future__ import annotations
 import json
 import sys
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated, Optional
+from typing import TYPE_CHECKING, Annotated, Optional
 
 import typer
 
@@ -26,6 +28,10 @@ from thzcl.options import (
     changes,
     complain,
 )
+
+if TYPE_CHECKING:
+    from thzcl.clock import Progress
+    from thzcl.result import Result
 
 app = typer.Typer(
     help="What will this terahertz imager see, through this air?",
@@ -57,16 +63,14 @@ def run(
     """Compute the images of a scenario: DIR/<scenario>.nc and DIR/<scenario>.png."""
     from thzcl import linker
 
-    helper = linker.head_start()  # before the imports that take long
-    from thzcl import pipeline, printing
-    from thzcl.checks import NumbersError
-    from thzcl.files import make_folder
-    from thzcl.scenario import find
+    with linker.head_start(wanted=device is None) as helper:  # before the imports that take long
+        from thzcl import pipeline, printing
+        from thzcl.files import make_folder
+        from thzcl.scenario import find
 
-    files = [output / f"{find(scenario).stem}.nc"]
-    make_folder(output)
-    with printing.progress(quiet) as progress:
-        try:
+        file = output / f"{find(scenario).stem}.nc"
+        make_folder(output)
+        with printing.progress(quiet) as progress, _kept(file):
             result = pipeline.run(
                 scenario,
                 settings=changes(settings),
@@ -77,17 +81,7 @@ def run(
                 progress=progress,
                 helper=helper,
             )
-        except NumbersError as failure:
-            failure.result.save(files[0])
-            raise NumbersError(f"{failure}; the radiances are kept in {files[0]}", failure.result) from failure
-        start = time.perf_counter()
-        progress("file")
-        result.save(files[0])
-        result.seconds["file"] = time.perf_counter() - start
-        if not no_figure:
-            progress("figure")
-            files.append(result.figure(output / f"{files[0].stem}.png"))
-            result.seconds["figure"] = time.perf_counter() - start - result.seconds["file"]
+            files = _write(result, file, not no_figure, progress)
     if quiet and how is Format.text:
         return
     found = result.summary() | {"files": [str(file) for file in files]}
@@ -95,6 +89,31 @@ def run(
         print(json.dumps(found, indent=2))
     else:
         printing.summary(found)
+
+
+@contextmanager
+def _kept(file: Path) -> Iterator[None]:
+    """Keeps the radiances in a file where a sensor fails."""
+    from thzcl.checks import NumbersError
+
+    try:
+        yield
+    except NumbersError as failure:
+        failure.result.save(file)
+        raise NumbersError(f"{failure}; the radiances are kept in {file}", failure.result) from failure
+
+
+def _write(result: Result, file: Path, figure: bool, progress: Progress) -> list[Path]:
+    """The files of a result, and how long they took."""
+    start = time.perf_counter()
+    progress("file")
+    files = [result.save(file)]
+    result.seconds["file"] = time.perf_counter() - start
+    if figure:
+        progress("figure")
+        files.append(result.figure(file.with_suffix(".png")))
+        result.seconds["figure"] = time.perf_counter() - start - result.seconds["file"]
+    return files
 
 
 @app.command()

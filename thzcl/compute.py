@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from thzcl import field as fields
 from thzcl import trace
 from thzcl.absorption import Surrogate, fit
-from thzcl.absorption.surrogate import HIGHEST_DEGREE
+from thzcl.absorption.surrogate import HIGHEST_DEGREE, trimmed
 from thzcl.accuracy import sources
 from thzcl.clock import Clock
 from thzcl.device import Buffer, Device, Recipe
@@ -185,13 +185,15 @@ def _emission(device: Device, group: Group, surrogate: Surrogate, media: list[Me
     from thzcl import emission
 
     variant = group.first
+    with clock.stage("surrogate"):
+        surrogate = trimmed(surrogate, variant.accuracy.surrogate)
     table = sources(variant.scene, variant.needs, variant.surfaces, variant.frequency_hz)
     path = not variant.needs.reflection
     cutoff = variant.accuracy.cutoff if group.cut else None
     found: list[tuple[Paths, Shaded]] = []
     for stage, ends, medium in zip(("path-emission", "outgoing-path"), _ways(lines), media, strict=False):
         with clock.stage(stage):
-            tables = emission.emitting(surrogate, medium.temperature_span, table, variant.accuracy, path=path)
+            tables = emission.emitting(surrogate, medium.temperature_span, table, variant.precision, path=path)
             found.append(emission.trace_emission(device, ends, medium, tables, cutoff, variant.precision))
             device.finish()
     with clock.stage("shading"):

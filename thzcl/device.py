@@ -23,7 +23,7 @@ KERNELS = Path(__file__).with_name("kernels")
 if not KERNELS.is_dir():  # straight from a checkout
     KERNELS = Path(__file__).parents[1] / "kernels"
 
-GROUP = 16  # work-items in a group, always: PoCL builds a kernel anew for every other number
+GROUP = 16  # work-items in a group, always: few enough that little is padded
 SCIPY_FROM = 256  # grid from which SciPy's threads make up for the time its import takes
 WORTH_HELP = 4  # programs, for which a helper's own start is made up for
 PROBE = "__kernel void probe(__global int *a) { a[get_global_id(0)] = 1; }"
@@ -62,9 +62,9 @@ class Recipe(NamedTuple):
 def open_device(choice: str | None = None, recipes: Sequence[Recipe] = (), helper: linker.Helper | None = None) -> Device:
     """The chosen device, ready for kernels: a number, or part of a name, platform or kind; by default PoCL's CPU.
 
-    `recipes` are programs that will be wanted: where PoCL has not built them before, it does so now, in two processes, of which
-    `helper` is one that waits already. Raises DeviceError if there is no device, if the choice is not clear, or if its driver
-    cannot build kernels.
+    `recipes` are programs that will be wanted: where PoCL has many to build, or has never built one here, it does so now, in
+    two processes, of which `helper` is one that runs already, for the default device. Raises DeviceError if there is no device,
+    if the choice is not clear, or if its driver cannot build kernels.
     """
     found = _all()
     if not found:
@@ -78,7 +78,7 @@ def open_device(choice: str | None = None, recipes: Sequence[Recipe] = (), helpe
     if missing:
         raise DeviceError(missing)
     opened = Device(found[info.number], info)
-    opened.get_ready(recipes, helper if choice is None else None)
+    opened.get_ready(recipes, helper)
     return opened
 
 
@@ -98,7 +98,7 @@ def _chosen(infos: list[DeviceInfo], choice: str | None) -> DeviceInfo:
 
 
 def _all() -> list[Any]:
-    # Else PoCL builds each kernel a second time for our size of group, which is no faster.
+    # Else PoCL builds each kernel a second time, for our very size of group, which is no faster.
     os.environ.setdefault("POCL_WORK_GROUP_SPECIALIZATION", "0")
     try:
         return [device for platform in cl.get_platforms() for device in platform.get_devices()]
@@ -209,6 +209,7 @@ class Device:
         self.in_use: list[Buffer] = []  # by kernels not known to have ended: their memory must outlast them
         self.counters = Counters()
         self._programs: dict[Recipe, Program] = {}
+        self._ready: dict[Recipe, Any] = {}  # built beforehand
 
     @property
     def memory_bytes(self) -> int:
@@ -220,8 +221,7 @@ class Device:
     @property
     def build_options(self) -> list[str]:
         """Every program built so far, with its options."""
-        words = ((recipe.files, self._source(recipe)[1]) for recipe in self._programs)
-        return [f"{'+'.join(files)}: {' '.join(option.removeprefix('-D') for option in options)}" for files, options in words]
+        return [f"{'+'.join(recipe.files)}: {' '.join(self._options(recipe))}" for recipe in self._programs]
 
     @property
     def wide(self) -> np.dtype[Any]:
@@ -248,7 +248,7 @@ class Device:
         self.in_use.clear()
 
     def get_ready(self, recipes: Sequence[Recipe], helper: linker.Helper | None = None) -> None:
-        """Builds with PoCL what is not in the cache, with a child's help; the child goes first where nothing is proved yet.
+        """Builds with PoCL what is not in the cache, with a child's help: where there is much, or where nothing is proved yet.
 
         Raises DeviceError if the child cannot build a kernel, for PoCL would take this process down too.
         """
@@ -267,7 +267,7 @@ class Device:
                 raise DeviceError(trouble)
             for recipe, program in own:  # nothing is linked before
                 self._keep(self._cached(*self._source(recipe)), program)
-                self._add(recipe, program)
+                self._ready[recipe] = program
             helper.wait()
         finally:
             helper.stop()
@@ -276,23 +276,23 @@ class Device:
         """The kernels of a recipe."""
         recipe = Recipe(tuple(files), precision, tuple(options))
         if recipe not in self._programs:
-            self._add(recipe, self._built(*self._source(recipe)))
+            self.counters.programs += 1
+            self._programs[recipe] = Program(self, self._ready.get(recipe) or self._built(*self._source(recipe)))
         return self._programs[recipe]
-
-    def _add(self, recipe: Recipe, program: Any) -> None:
-        self.counters.programs += 1
-        self._programs[recipe] = Program(self, program)
 
     def _source(self, recipe: Recipe) -> tuple[str, list[str]]:
         """The text of a recipe, and the compiler's options."""
-        common = [f"LANES={self.lanes(recipe.precision)}", f"PRECISION={recipe.precision.removeprefix('float')}"]
-        common += ["WIDE"] if self.float64 else []
         files = [(name, (KERNELS / f"{name}.cl").read_text(encoding="utf-8")) for name in ("lanes", *recipe.files)]
         source = "".join(f'#line 1 "{name}.cl"\n{text}\n' for name, text in files)
-        return source, [f"-D{option}" for option in (*common, *recipe.options)]
+        return source, [f"-D{option}" for option in self._options(recipe)]
+
+    def _options(self, recipe: Recipe) -> list[str]:
+        """Those that every program has, and its own."""
+        common = [f"LANES={self.lanes(recipe.precision)}", f"PRECISION={recipe.precision.removeprefix('float')}"]
+        return [*common, *(["WIDE"] if self.float64 else []), *recipe.options]
 
     def _built(self, source: str, options: list[str]) -> Any:
-        """A program from its binary of an earlier run, twenty times faster to load, or else from its source."""
+        """A program from its binary of an earlier run, a hundred times faster to load, or else from its source."""
         cached = self._cached(source, options)
         with suppress(OSError, cl.Error):
             digest, binary = cached.read_bytes()[:32], cached.read_bytes()[32:]

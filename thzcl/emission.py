@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from thzcl import radiometry
 from thzcl.absorption import Surrogate
-from thzcl.accuracy import Accuracy
 from thzcl.device import Buffer, Device
 from thzcl.plan import EMISSION_AT_ONCE
 from thzcl.trace import Ends, Medium, Paths, Shaded, changed_ends, march_options, placed
@@ -29,7 +28,7 @@ class Emitting:
     """
 
     coefficients: Array
-    counts: tuple[int, ...]  # temperature powers that matter with each humidity power
+    counts: tuple[int, ...]  # temperature powers that there are with each humidity power
     densest: float  # the most that the air absorbs anywhere, at any frequency, 1/m
     planck: Array
     sources: Array
@@ -40,37 +39,12 @@ class Emitting:
         return replace(self, coefficients=self.coefficients[part], planck=self.planck[part], sources=self.sources[:, part])
 
 
-def emitting(
-    surrogate: Surrogate, span: tuple[float, float], sources: Array, accuracy: Accuracy, *, path: bool = True
-) -> Emitting:
+def emitting(surrogate: Surrogate, span: tuple[float, float], sources: Array, precision: str, *, path: bool = True) -> Emitting:
     """Tables for an emission trace over a span of temperatures; without `path`, what the air itself emits is left out."""
-    planck = _planck_powers(surrogate, span, accuracy.precision) if path else np.zeros((len(surrogate.frequency_hz), 1))
-    sizes = np.abs(surrogate.coefficients) * _reach(surrogate)
-    counts = _counts(surrogate, sizes, accuracy.surrogate)
-    return Emitting(surrogate.coefficients, counts, float(sizes.sum(axis=(1, 2)).max()), planck, sources)
-
-
-def _reach(surrogate: Surrogate) -> Array:
-    """The largest delta^k t^j within the spans, (humidity power, temperature power)."""
-    spans = zip((surrogate.humidity_span, surrogate.temperature_span), surrogate.coefficients.shape[1:], strict=True)
-    humidity, temperature = (max(map(abs, span)) ** np.arange(powers) for span, powers in spans)
-    return np.outer(humidity, temperature)
-
-
-def _counts(surrogate: Surrogate, sizes: Array, tolerance: float) -> tuple[int, ...]:
-    """How many temperature powers matter with each humidity power; `sizes` is the most that each term can be.
-
-    The smallest terms are left out, as long as all together are within what the polynomial's error leaves of the tolerance.
-    """
-    terms = (sizes / np.maximum(np.abs(surrogate.coefficients[:, :1, :1]), np.finfo(float).tiny)).max(axis=0)
-    counts, left = np.full(len(terms), terms.shape[1]), max(tolerance - surrogate.error, surrogate.error / 2)
-    while True:
-        last = np.where(counts > 1, terms[np.arange(len(terms)), counts - 1], np.inf)
-        row = int(last.argmin())
-        if last[row] > left:
-            return tuple(map(int, counts))
-        left -= last[row]
-        counts[row] -= 1
+    planck = _planck_powers(surrogate, span, precision) if path else np.zeros((len(surrogate.frequency_hz), 1))
+    present = np.abs(surrogate.coefficients).max(axis=0)
+    counts = tuple(int(1 + np.flatnonzero(row)[-1]) if row.any() else 1 for row in present)
+    return Emitting(surrogate.coefficients, counts, float(surrogate.sizes.sum(axis=(1, 2)).max()), planck, sources)
 
 
 def trace_emission(

@@ -19,7 +19,8 @@ def entry(arguments: list[str]) -> int:
     """Runs a command line and returns its exit code: 0, 2 bad input, 3 no device, 4 numbers or plugin, 130 interrupted."""
     try:
         code = _only(arguments)(arguments, standalone_mode=False) or 0
-        sys.stdout.flush()
+        if sys.stdout:  # a shell may have closed it
+            sys.stdout.flush()
     except typer.Exit as stop:
         code = stop.exit_code
     except (KeyboardInterrupt, typer.Abort):

@@ -5,7 +5,6 @@ from __future__ import annotations
 import io
 import os
 from collections.abc import Callable
-from contextlib import suppress
 from pathlib import Path
 from tempfile import NamedTemporaryFile
 from typing import TYPE_CHECKING, Any
@@ -42,12 +41,12 @@ def write_whole(path: Path, write: Callable[[Path], object]) -> None:
 class Patient(io.RawIOBase):
     """A new file for HDF5, which takes the process down where a disk is full: errors are kept, and raised once it is done.
 
-    After the first one nothing more is written, and what is read back is not to be believed.
+    An interrupt is one too. After the first nothing more is written, and what is read back is not to be believed.
     """
 
     def __init__(self, path: Path) -> None:
         self._file = path.open("w+b")
-        self._error: OSError | None = None
+        self._error: BaseException | None = None
 
     def write(self, data: Any) -> int:
         """Writes all of it."""
@@ -72,13 +71,15 @@ class Patient(io.RawIOBase):
             self._try(self._file.flush)
 
     def close(self) -> None:
-        """Raises OSError, the first that came."""
+        """Raises the first error that came."""
         if self.closed:
             return
         self.flush()
         super().close()
-        with suppress(OSError):  # of a disk as full as before
+        try:
             self._file.close()
+        except OSError as error:  # as full as before, or what is only told at the end
+            self._error = self._error or error
         if self._error is not None:
             raise self._error
 
@@ -86,7 +87,7 @@ class Patient(io.RawIOBase):
         if self._error is None:
             try:
                 return work()
-            except OSError as error:
+            except BaseException as error:  # noqa: BLE001 (raised by close())
                 self._error = error
         return None
 

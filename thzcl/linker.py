@@ -12,10 +12,10 @@ import stat
 import subprocess
 import sys
 import tempfile
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from importlib.util import find_spec
 from pathlib import Path
-from typing import IO
 
 REMEDY = "`apt-get install gcc` (Debian and Ubuntu) or `pip install 'thzcl[linker]'` provides it"
 
@@ -65,10 +65,11 @@ class Helper:
     """
 
     def __init__(self, device: int | None = None) -> None:
-        path = os.pathsep.join([str(Path(__file__).parents[1]), os.environ.get("PYTHONPATH", "")])
+        root, own = str(Path(__file__).parents[1]), os.environ.get("PYTHONPATH")
         self._child = subprocess.Popen(  # noqa: S603 (no word of it is a user's)
-            [sys.executable, "-m", "thzcl.device", *([] if device is None else [str(device)])],
-            env=os.environ | {"PYTHONPATH": path},
+            # -P: a user's folder may hold a signal.py.
+            [sys.executable, "-P", "-m", "thzcl.device", *([] if device is None else [str(device)])],
+            env=os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, (root, own)))},
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
@@ -77,13 +78,14 @@ class Helper:
 
     def send(self, work: str) -> None:
         """All that there is to do, for thzcl.device to read."""
-        with suppress(BrokenPipeError), self._pipe(self._child.stdin) as words:
-            words.write(work)
+        if self._child.stdin:
+            with suppress(BrokenPipeError), self._child.stdin as words:
+                words.write(work)
 
     def trouble(self, driver: str) -> str | None:
         """Waits for the first kernel, and tells what is wrong, if anything is; `driver` names what that proves."""
-        said = []
-        for line in self._pipe(self._child.stdout):
+        said = [""]
+        for line in self._child.stdout or ():
             if line.strip() == PROVED:
                 with suppress(OSError):  # then the next run looks again
                     marker = _marker(driver)
@@ -91,31 +93,30 @@ class Helper:
                     marker.touch()
                 return None
             said += [line.strip()[:200]] if line.strip() else []
-        why = f"most often for want of a linker; {REMEDY}" + (f" (it said: {said[0]})" if said else "")
+        why = f"most often for want of a linker; {REMEDY}" + (f" (it said: {said[-1]})" if said[-1] else "")
         return f"a first kernel could not be built and run with {driver}, {why}"
 
     def wait(self) -> None:
         """Until all is built."""
-        self._pipe(self._child.stdout).read()
+        if self._child.stdout:
+            self._child.stdout.read()
         self._child.wait()
 
     def stop(self) -> None:
-        """Whatever it is doing."""
-        self._child.kill()
-        self._child.wait()
-        self._pipe(self._child.stdout).close()
-
-    @staticmethod
-    def _pipe(stream: IO[str] | None) -> IO[str]:
-        assert stream is not None  # noqa: S101 (it was asked for)
-        return stream
+        """Whatever it is doing; again does no harm."""
+        with suppress(BrokenPipeError), self._child:
+            self._child.kill()
 
 
-def head_start() -> Helper | None:
-    """Where no kernel was ever built, a helper that begins while this process still imports what it needs."""
-    if (cache_folder() / "probed").exists() or prepare() is not None:
-        return None
-    return Helper()
+@contextmanager
+def head_start(*, wanted: bool) -> Iterator[Helper | None]:
+    """Where thzcl was never run, a helper that begins while this process still imports what it needs."""
+    helper = Helper() if wanted and not cache_folder().exists() and prepare() is None else None
+    try:
+        yield helper
+    finally:
+        if helper:
+            helper.stop()
 
 
 def is_proved(driver: str) -> bool:

@@ -35,7 +35,7 @@ def known_name() -> str:
     """A processor that LLVM 14 knows, no more able than this one, and as able as the kernel library that PoCL picks."""
     flags: set[str] = set()
     with suppress(OSError):
-        line = next(line for line in Path("/proc/cpuinfo").read_text().splitlines() if line.startswith("flags"))
+        line = next((line for line in Path("/proc/cpuinfo").read_text().splitlines() if line.startswith("flags")), "")
         flags = set(line.split())
     if {"avx512f", "avx512bw", "avx512cd", "avx512dq", "avx512vl"} <= flags:
         return "skylake-avx512"

@@ -210,9 +210,9 @@ class Result:
     def _variables(self) -> dict[str, Variable]:
         sights = [v.sight for v in self.variants]
         passive = [sight for sight in sights if isinstance(sight, Radiances)]
-        kind = sights[0].optical_depth.dtype
+        kind = np.result_type(*(sight.optical_depth for sight in sights))
         found = {
-            **_radiometric(passive),
+            **_radiometric(passive, kind),
             "optical_depth": _spectral([(0.0, s.optical_depth) for s in sights], "1", _depth_name(sights[0]), kind),
             "path_length": _shared([s.path_length for s in sights], {"units": "m", "long_name": "length of the ray"}),
             "target": _shared([s.target for s in sights], self._flags()),
@@ -267,11 +267,11 @@ def _depth_name(sight: Radiances | Echoes) -> str:
     return "optical depth, out and back" if active else "optical depth to the end of the ray"
 
 
-def _radiometric(passive: list[Radiances]) -> dict[str, Variable]:
+def _radiometric(passive: list[Radiances], kind: Any) -> dict[str, Variable]:
     """Radiances and brightness temperatures, which an active sensor does not have."""
     if not passive:
         return {}
-    contrast, kind = "brightness_temperature_contrast", passive[0].contrast.dtype
+    contrast = "brightness_temperature_contrast"
     above = "brightness temperature above the mean air's"
     radiances = [(s.air_radiance[:, None, None], s.contrast) for s in passive]
     kelvins = [s.brightness_temperature_contrast for s in passive]

@@ -253,6 +253,7 @@ def shade_bands(
     No spectrum is stored.
     """
     thinnest = coefficients[np.where(passing > 0, coefficients[:, 0], np.inf).argmin(axis=1)]
+    beyond = np.where(passing[..., None] > 0, coefficients - thinnest[:, None], 0.0)  # of what a band has none of, nothing
     program, rays = _shading(device, paths, precision, len(weights)), len(paths.path_length)
     depth, contrast = (device.empty((len(weights), rays), precision) for _ in range(2))
     program.run(
@@ -260,7 +261,7 @@ def shade_bands(
         rays // device.lanes(precision),
         *_shaded_paths(paths),
         device.put(thinnest, precision),
-        device.put(coefficients - thinnest[:, None], precision),
+        device.put(beyond, precision),
         device.put(passing, precision),
         device.put(weights[:, None, :] * sources, precision),
         np.int32(len(coefficients)),

@@ -148,7 +148,7 @@ def spectral_amplitude(grid: int, voxel_m: float, outer_scale_m: float | None, t
 @lru_cache(maxsize=16)  # variants often have it in common
 def variance(grid: int, voxel_m: float, outer_scale_m: float | None, table: SpectrumTable | None = None) -> float:
     """Expected variance of the periodic cube's field for C^2 = 1: the sum of Psi dxi^3 over its wave vectors."""
-    number = np.arange(-grid // 2, grid // 2)
+    number = np.arange(-grid // 2, grid // 2)  # no np.unique here or where runs begin: it imports numpy.ma
     along = np.bincount(number**2)  # wave numbers by their square
     plane = np.bincount(np.add.outer(number**2, number**2).ravel())
     count = np.zeros(3 * (grid // 2) ** 2 + 1)

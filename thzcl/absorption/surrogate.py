@@ -47,6 +47,13 @@ class Surrogate:
         """How many path moments beyond the length the optical depth needs."""
         return int(self.coefficients.shape[1]) - 1
 
+    @property
+    def sizes(self) -> Array:
+        """The most that each term can be within the spans, (frequency, humidity power, temperature power), 1/m."""
+        spans = zip((self.humidity_span, self.temperature_span), self.coefficients.shape[1:], strict=True)
+        humidity, temperature = (max(map(abs, span)) ** np.arange(powers) for span, powers in spans)
+        return np.asarray(np.abs(self.coefficients) * np.outer(humidity, temperature))
+
     def absorption(self, delta: Array | float, offset_k: Array | float = 0.0) -> Array:
         """Absorption in 1/m, shape (frequency, *broadcast shape of the arguments)."""
         d, t = np.broadcast_arrays(np.asarray(delta, dtype=np.float64), np.asarray(offset_k, dtype=np.float64))
@@ -88,6 +95,26 @@ def _fitted(
     surrogate = Surrogate(air, frequency_hz, coefficients, *spans, error=0.0, measured=0.0)
     measured = _measured(surrogate, scale)
     return replace(surrogate, measured=measured, error=_SAFETY * max(_error_of_cut(values, series, degrees), measured))
+
+
+def trimmed(surrogate: Surrogate, tolerance: float) -> Surrogate:
+    """The same without its smallest terms, as long as all together are within what its error leaves of a tolerance.
+
+    Of each power of delta it is the highest powers of t that go.
+    """
+    scale = _scale(surrogate.air, surrogate.frequency_hz)
+    terms = (surrogate.sizes / scale).max(axis=0)
+    counts, left_out = np.full(len(terms), terms.shape[1]), 0.0
+    while True:
+        last = np.where(counts > 1, terms[np.arange(len(terms)), counts - 1], np.inf)
+        row = int(last.argmin())
+        if left_out + last[row] > tolerance - surrogate.error:
+            break
+        left_out += last[row]
+        counts[row] -= 1
+    kept = np.where(np.arange(terms.shape[1]) < counts[:, None], surrogate.coefficients, 0.0)
+    cut = replace(surrogate, coefficients=kept, error=surrogate.error + left_out)
+    return replace(cut, measured=_measured(cut, scale))
 
 
 def _measured(surrogate: Surrogate, scale: Array) -> float:
