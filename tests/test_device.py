@@ -37,6 +37,15 @@ def test_without_a_linker_nothing_crashes(thzcl_command, tmp_path):
     assert "thzcl[linker]" in done.stderr
 
 
+def test_a_cache_that_cannot_be_written_is_done_without(thzcl_command, tmp_path):
+    """PoCL needs one, but no one else."""
+    (tmp_path / "pocl").mkdir()
+    (tmp_path / "file").touch()
+    bare = {"XDG_CACHE_HOME": str(tmp_path / "file"), "POCL_CACHE_DIR": str(tmp_path / "pocl")}
+    done = thzcl_command("run", "quick", "--no-figure", "--quiet", env=bare)
+    assert (done.returncode, done.stderr) == (0, "")
+
+
 @pocl_only
 def test_with_a_linker_that_fails_nothing_crashes(thzcl_command, tmp_path):
     """As where `ld` is there but libgcc is not."""

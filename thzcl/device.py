@@ -14,10 +14,13 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-import pyopencl as cl
 from numpy.typing import DTypeLike, NDArray
 
 from thzcl import linker, processor
+
+if not linker.can_cache():
+    os.environ.setdefault("PYOPENCL_NO_CACHE", "1")  # where it cannot write, pyopencl breaks down
+import pyopencl as cl
 
 KERNELS = Path(__file__).with_name("kernels")
 if not KERNELS.is_dir():  # straight from a checkout

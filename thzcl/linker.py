@@ -40,6 +40,14 @@ def cache_folder() -> Path:
     return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "thzcl"
 
 
+def can_cache() -> bool:
+    """Whether anything can be kept at all."""
+    folder = cache_folder()
+    with suppress(OSError):
+        folder.mkdir(parents=True, exist_ok=True)
+    return os.access(folder, os.W_OK)
+
+
 def prepare() -> str | None:
     """Makes sure that some `ld` is on the PATH, of the ziglang wheel if need be; what is missing, if anything is."""
     if shutil.which("ld"):

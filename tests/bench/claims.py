@@ -115,7 +115,7 @@ def field(device: Device, repeat: int) -> list[Record]:
         Record(
             "field of 128^3, against irfftn and normals", seconds["128"] / seconds["SciPy and NumPy"], 2.0, "times", note=note
         ),
-        Record("field of 256^3, against N^3 log N from 128^3", grown - 1, 0.2, "1 more"),
+        Record("field of 256^3: growth beyond N^3 log N from 128^3", grown - 1, 0.2, "1"),
     ]
 
 
