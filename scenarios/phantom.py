@@ -32,14 +32,23 @@ THROUGH_CLOTH = 0.60  # power passed, one way
 def phantom() -> tuple[Array, Array, Array]:
     """Reflectivity, temperature in K, and mask, each (height, width), row 0 at the top."""
     columns, rows = PIXELS
-    x, y = np.meshgrid((np.arange(columns) + 0.5) / columns - 0.5, 1 - (np.arange(rows) + 0.5) / rows)
+    x, y = np.meshgrid(
+        (np.arange(columns) + 0.5) / columns - 0.5, 1 - (np.arange(rows) + 0.5) / rows
+    )
     x, y = x * WIDTH, y * HEIGHT
     head = _ellipsoid(x, y, (0.0, 1.03), (0.085, 0.12), 0.10)
     neck = _ellipsoid(x, y, (0.0, 0.88), (0.055, 0.12), 0.07)
     # Half widths of the trunk from hips to neck.
-    half = np.interp(y, [0.0, 0.15, 0.42, 0.64, 0.76, 0.80, 0.84, 0.87], [0.185, 0.185, 0.160, 0.190, 0.215, 0.205, 0.13, 0.0])
+    half = np.interp(
+        y,
+        [0.0, 0.15, 0.42, 0.64, 0.76, 0.80, 0.84, 0.87],
+        [0.185, 0.185, 0.160, 0.190, 0.215, 0.205, 0.13, 0.0],
+    )
     torso = 0.12 * np.sqrt(np.maximum(1 - (x / np.maximum(half, 1e-9)) ** 2, 0.0)) * (half > 0)
-    arms = np.maximum(_limb(x, y, (-0.205, 0.745), (-0.30, 0.02), 0.056), _limb(x, y, (0.205, 0.745), (0.30, 0.02), 0.056))
+    arms = np.maximum(
+        _limb(x, y, (-0.205, 0.745), (-0.30, 0.02), 0.056),
+        _limb(x, y, (0.205, 0.745), (0.30, 0.02), 0.056),
+    )
     bare, clothed = np.maximum(head, neck), np.maximum(torso, arms)
     depth = np.maximum(bare, clothed)
     covered = clothed >= bare
@@ -59,13 +68,17 @@ def phantom() -> tuple[Array, Array, Array]:
     return reflectivity, temperature, inside.astype(np.float64)
 
 
-def _ellipsoid(x: Array, y: Array, center: tuple[float, float], half: tuple[float, float], depth: float) -> Array:
+def _ellipsoid(
+    x: Array, y: Array, center: tuple[float, float], half: tuple[float, float], depth: float
+) -> Array:
     """How far an ellipsoid stands out at each point, 0 beside it."""
     inside = 1 - ((x - center[0]) / half[0]) ** 2 - ((y - center[1]) / half[1]) ** 2
     return np.asarray(depth * np.sqrt(np.maximum(inside, 0.0)))
 
 
-def _limb(x: Array, y: Array, start: tuple[float, float], end: tuple[float, float], radius: float) -> Array:
+def _limb(
+    x: Array, y: Array, start: tuple[float, float], end: tuple[float, float], radius: float
+) -> Array:
     """How far a round rod between two points stands out."""
     along = np.subtract(end, start)
     part = np.clip(((x - start[0]) * along[0] + (y - start[1]) * along[1]) / (along @ along), 0, 1)

@@ -6,21 +6,36 @@ from typing import Any, Literal
 
 import numpy as np
 
-from thzcl.sensor import Echoes, FrequencyGHz, Image, Layer, Needs, Optics, Parameters, Sensor, View, hookimpl, parameter
+from thzcl.sensor import (
+    Echoes,
+    FrequencyGHz,
+    Image,
+    Layer,
+    Needs,
+    Optics,
+    Parameters,
+    Sensor,
+    View,
+    hookimpl,
+    parameter,
+)
 
 
 class Active(Sensor):
     """An active imager with a narrow-band source and a dynamic range.
 
-    It records P = P0 R T_out T_back: the power of the source, the reflectivity of what a pixel shows, and the transmission of
-    the air on the way out and back, through the same turbulent air. Emission is left out: a milliwatt in one mode is as bright
-    as a body of 1e18 K. What it shows is decibels over its floor, so many decibels below 1 mW (or `full_scale_w`) as its
-    dynamic range says; pixels below it are at 0 dB, and flagged in `below_floor`. O'Brien and Tofsted, figures 8 and 9.
+    It records P = P0 R T_out T_back: the power of the source, the reflectivity of what a pixel
+    shows, and the transmission of the air on the way out and back, through the same turbulent air.
+    Emission is left out: a milliwatt in one mode is as bright as a body of 1e18 K. What it shows is
+    decibels over its floor, so many decibels below 1 mW (or `full_scale_w`) as its dynamic range
+    says; pixels below it are at 0 dB, and flagged in `below_floor`. O'Brien and Tofsted, figures 8
+    and 9.
 
-    "monostatic": out and back through the same voxels, exp(-2 tau), pixel by pixel. "bistatic": out from `transmitter_m`, and
-    what is not lit from there, or lies in shadow, sends nothing back. With `spreading = "lambert"` surfaces scatter evenly,
-    and an aperture at distance r collects R cos A / (pi r^2). `speckle_looks` averages of coherent light scattered by rough
-    surfaces leave a contrast of 1 / sqrt(looks).
+    "monostatic": out and back through the same voxels, exp(-2 tau), pixel by pixel. "bistatic": out
+    from `transmitter_m`, and what is not lit from there, or lies in shadow, sends nothing back.
+    With `spreading = "lambert"` surfaces scatter evenly, and an aperture at distance r collects R
+    cos A / (pi r^2). `speckle_looks` averages of coherent light scattered by rough surfaces leave a
+    contrast of 1 / sqrt(looks).
     """
 
     name = "active"
@@ -30,23 +45,41 @@ class Active(Sensor):
         """Parameters of the active imager."""
 
         frequency_ghz: FrequencyGHz = parameter(help="frequency of the source", unit="GHz")
-        source_power_w: float = parameter(1e-3, gt=0, unit="W", help="power of the source, on each pixel's spot")
-        dynamic_range_db: float = parameter(gt=0, le=300, unit="dB", help="from the largest power that it detects to the least")
-        full_scale_w: float = parameter(1e-3, gt=0, unit="W", help="the largest power that it detects")
-        arrangement: Literal["monostatic", "bistatic"] = parameter("monostatic", help="where the source stands")
+        source_power_w: float = parameter(
+            1e-3, gt=0, unit="W", help="power of the source, on each pixel's spot"
+        )
+        dynamic_range_db: float = parameter(
+            gt=0, le=300, unit="dB", help="from the largest power that it detects to the least"
+        )
+        full_scale_w: float = parameter(
+            1e-3, gt=0, unit="W", help="the largest power that it detects"
+        )
+        arrangement: Literal["monostatic", "bistatic"] = parameter(
+            "monostatic", help="where the source stands"
+        )
         transmitter_m: tuple[float, float, float] | None = parameter(
             None, unit="m", help="place of a bistatic source [x, y, z]"
         )
         spreading: Literal["none", "lambert"] = parameter("none", help="of what surfaces reflect")
-        aperture_m: float | None = parameter(None, gt=0, unit="m", help="diameter of the aperture, for spreading")
-        speckle_looks: float | None = parameter(None, gt=0, help="looks averaged; leave it out for no speckle")
-        optics: Optics | None = parameter(None, help="blur, once speckle is averaged; leave the table out for none")
+        aperture_m: float | None = parameter(
+            None, gt=0, unit="m", help="diameter of the aperture, for spreading"
+        )
+        speckle_looks: float | None = parameter(
+            None, gt=0, help="looks averaged; leave it out for no speckle"
+        )
+        optics: Optics | None = parameter(
+            None, help="blur, once speckle is averaged; leave the table out for none"
+        )
 
         def troubles(self) -> list[Any]:
             """Keys that belong together."""
             found = []
             if (self.arrangement == "bistatic") != (self.transmitter_m is not None):
-                found.append(self.trouble("transmitter_m", 'goes with arrangement = "bistatic", and that with it'))
+                found.append(
+                    self.trouble(
+                        "transmitter_m", 'goes with arrangement = "bistatic", and that with it'
+                    )
+                )
             if self.spreading == "lambert" and self.aperture_m is None:
                 found.append(self.trouble("spreading", '"lambert" needs aperture_m'))
             return found
@@ -67,14 +100,18 @@ class Active(Sensor):
     def _range_db(self) -> float:
         """From the source's power to the floor."""
         p = self.params
-        return float(max(p.dynamic_range_db + 10 * np.log10(p.source_power_w / p.full_scale_w), 0.0))
+        return float(
+            max(p.dynamic_range_db + 10 * np.log10(p.source_power_w / p.full_scale_w), 0.0)
+        )
 
     def observe(self, sight: Echoes, rng: np.random.Generator) -> Image:
         """Decibels over the floor, with the power in W."""
         p = self.params
         power = p.source_power_w * np.asarray(sight.returned[0], dtype=np.float64)
         if p.spreading == "lambert":
-            power *= sight.cosine * p.aperture_m**2 / (4 * sight.path_length.astype(np.float64) ** 2)
+            power *= (
+                sight.cosine * p.aperture_m**2 / (4 * sight.path_length.astype(np.float64) ** 2)
+            )
         if p.speckle_looks is not None:
             power *= rng.gamma(p.speckle_looks, 1 / p.speckle_looks, power.shape)
         floor = p.full_scale_w * 10 ** (-p.dynamic_range_db / 10)
@@ -85,9 +122,14 @@ class Active(Sensor):
             quantity="power over the floor",
             layers={
                 "received_power": Layer(power, "W", "received power"),
-                "below_floor": Layer(below.astype(np.int8), "1", "whether the power is below the floor"),
+                "below_floor": Layer(
+                    below.astype(np.int8), "1", "whether the power is below the floor"
+                ),
             },
-            facts={"floor": (floor, "W"), "pixels below the floor": (100 * float(below.mean()), "%")},
+            facts={
+                "floor": (floor, "W"),
+                "pixels below the floor": (100 * float(below.mean()), "%"),
+            },
         )
 
 

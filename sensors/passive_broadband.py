@@ -26,19 +26,22 @@ from thzcl.sensor import (
 class PassiveBroadband(Sensor):
     """A passive imager of one broad band, with the noise of its detector.
 
-    It records the power that reaches each pixel's detector: the radiance, weighted by the band's response, times a
-    throughput. A single-mode detector has the throughput lambda^2 and one polarisation, and sees P = k_B T dnu of a body of
-    temperature T (in the Rayleigh-Jeans limit; here Planck throughout). With `throughput = "geometric"` it is the area of the
-    aperture times the solid angle of a pixel, in both polarisations. The antenna temperature is the power over that of a body
-    of 1 K in the Rayleigh-Jeans limit.
+    It records the power that reaches each pixel's detector: the radiance, weighted by the band's
+    response, times a throughput. A single-mode detector has the throughput lambda^2 and one
+    polarisation, and sees P = k_B T dnu of a body of temperature T (in the Rayleigh-Jeans limit;
+    here Planck throughout). With `throughput = "geometric"` it is the area of the aperture times
+    the solid angle of a pixel, in both polarisations. The antenna temperature is the power over
+    that of a body of 1 K in the Rayleigh-Jeans limit.
 
-    Noise is Gaussian, of standard deviation NEP sqrt(B): B is the frame rate, as O'Brien and Tofsted have it (each pixel has
-    a detector of its own, which integrates over a frame), or with `noise_bandwidth = "scanned"` the frame rate times the number
-    of pixels (one detector scans them all).
+    Noise is Gaussian, of standard deviation NEP sqrt(B): B is the frame rate, as O'Brien and
+    Tofsted have it (each pixel has a detector of its own, which integrates over a frame), or with
+    `noise_bandwidth = "scanned"` the frame rate times the number of pixels (one detector scans them
+    all).
 
-    `quadrature = "resolved"` finds frequencies adaptively until the lines within the band are resolved, for every length of
-    path in the scene; "paper" takes O'Brien and Tofsted's steps of 25 GHz: as the mean over the band's edges and the steps
-    between them ("edges"), by the trapezoid rule, or as mid-points of bins. The error of what was used is reported.
+    `quadrature = "resolved"` finds frequencies adaptively until the lines within the band are
+    resolved, for every length of path in the scene; "paper" takes O'Brien and Tofsted's steps of 25
+    GHz: as the mean over the band's edges and the steps between them ("edges"), by the trapezoid
+    rule, or as mid-points of bins. The error of what was used is reported.
     """
 
     name = "passive-broadband"
@@ -47,40 +50,70 @@ class PassiveBroadband(Sensor):
     class Params(Parameters):
         """Parameters of the passive broadband imager."""
 
-        center_ghz: float | None = parameter(None, gt=0, le=1780, unit="GHz", help="middle of the band")
+        center_ghz: float | None = parameter(
+            None, gt=0, le=1780, unit="GHz", help="middle of the band"
+        )
         bandwidth_ghz: float | None = parameter(
-            None, gt=0, le=1780, unit="GHz", help="width of the band; of a Gaussian, at half maximum"
+            None,
+            gt=0,
+            le=1780,
+            unit="GHz",
+            help="width of the band; of a Gaussian, at half maximum",
         )
         response: str = parameter(
-            "flat", help='"flat", "gaussian", or a CSV file of frequency in GHz and response, which then gives the band'
+            "flat",
+            help='"flat", "gaussian", or a CSV file of frequency in GHz and response, which then gives the band',
         )
-        quadrature: Literal["resolved", "paper"] = parameter("resolved", help="how the band is summed")
-        paper_steps: Literal["edges", "trapezoid", "bins"] = parameter("edges", help="reading of the paper's steps")
+        quadrature: Literal["resolved", "paper"] = parameter(
+            "resolved", help="how the band is summed"
+        )
+        paper_steps: Literal["edges", "trapezoid", "bins"] = parameter(
+            "edges", help="reading of the paper's steps"
+        )
         step_ghz: float = parameter(25.0, gt=0, unit="GHz", help="the paper's steps")
-        throughput: Literal["single-mode", "geometric"] = parameter("single-mode", help="what each pixel collects")
+        throughput: Literal["single-mode", "geometric"] = parameter(
+            "single-mode", help="what each pixel collects"
+        )
         aperture_m: float | None = parameter(None, gt=0, unit="m", help="diameter of the aperture")
-        noise_equivalent_power_w_rthz: float = parameter(0.0, ge=0, unit="W/sqrt(Hz)", help="detector's NEP; 0: no noise")
+        noise_equivalent_power_w_rthz: float = parameter(
+            0.0, ge=0, unit="W/sqrt(Hz)", help="detector's NEP; 0: no noise"
+        )
         frame_rate_hz: float = parameter(1.0, gt=0, unit="Hz", help="images a second")
-        noise_bandwidth: Literal["frame-rate", "scanned"] = parameter("frame-rate", help="what the NEP is multiplied by")
+        noise_bandwidth: Literal["frame-rate", "scanned"] = parameter(
+            "frame-rate", help="what the NEP is multiplied by"
+        )
         optics: Optics | None = parameter(None, help="blur; leave the table out for none")
 
         def troubles(self) -> list[Any]:
             """Keys that belong together."""
             found = []
-            if self.response in ("flat", "gaussian") and (self.center_ghz is None or self.bandwidth_ghz is None):
+            if self.response in ("flat", "gaussian") and (
+                self.center_ghz is None or self.bandwidth_ghz is None
+            ):
                 found.append(self.trouble("response", "needs center_ghz and bandwidth_ghz"))
-            elif self.response not in ("flat", "gaussian") and (self.center_ghz or self.bandwidth_ghz):
-                found.append(self.trouble("response", "gives the band; remove center_ghz and bandwidth_ghz"))
+            elif self.response not in ("flat", "gaussian") and (
+                self.center_ghz or self.bandwidth_ghz
+            ):
+                found.append(
+                    self.trouble("response", "gives the band; remove center_ghz and bandwidth_ghz")
+                )
             if self.throughput == "geometric" and self.aperture_m is None:
                 found.append(self.trouble("throughput", '"geometric" needs aperture_m'))
             return found
 
     def needs(self, view: View) -> Needs:
-        """The sums over the band that make up the power; the frequencies follow from the lines in it."""
+        """The sums over the band that make up the power.
+
+        The frequencies follow from the lines in it.
+        """
         p = self.params
         band = self._band(view)
         resolved, finer = (bands.resolve(band, view, view.tolerance * part) for part in (1, 1e-2))
-        used = resolved if p.quadrature == "resolved" else bands.paper(band, p.step_ghz * 1e9, p.paper_steps)
+        used = (
+            resolved
+            if p.quadrature == "resolved"
+            else bands.paper(band, p.step_ghz * 1e9, p.paper_steps)
+        )
         error = resolved.error if used is resolved else bands.error(used, resolved, view)
         return Needs(
             frequency_hz=used.frequency_hz,
@@ -111,7 +144,9 @@ class PassiveBroadband(Sensor):
         sigma = p.noise_equivalent_power_w_rthz * np.sqrt(p.frame_rate_hz * self._shares(sight))
         if sigma > 0:
             power = power + sigma * rng.standard_normal(power.shape)
-        per_kelvin = (collected * 2 * radiometry.BOLTZMANN * (sight.nodes_hz / radiometry.LIGHT_SPEED) ** 2).sum()
+        per_kelvin = (
+            collected * 2 * radiometry.BOLTZMANN * (sight.nodes_hz / radiometry.LIGHT_SPEED) ** 2
+        ).sum()
         antenna = power / per_kelvin
         return Image(
             antenna,
@@ -134,12 +169,20 @@ class PassiveBroadband(Sensor):
     def _shares(self, sight: Radiances) -> int:
         return sight.target.size if self.params.noise_bandwidth == "scanned" else 1
 
-    def _facts(self, sight: Radiances, collected: NDArray[np.float64], sigma: float) -> dict[str, tuple[float, str]]:
-        """Noise, and the temperature difference that equals it: at the sensor, and at the targets behind their air."""
+    def _facts(
+        self, sight: Radiances, collected: NDArray[np.float64], sigma: float
+    ) -> dict[str, tuple[float, str]]:
+        """Noise, and the temperature difference that equals it: at the sensor.
+
+        And at the targets behind their air.
+        """
         if sigma == 0:
             return {}
         slope = (collected * radiometry.planck_slope(sight.nodes_hz, sight.air_temperature_k)).sum()
-        facts = {"noise power": (float(sigma), "W"), "NEDT at the sensor": (float(sigma / slope), "K")}
+        facts = {
+            "noise power": (float(sigma), "W"),
+            "NEDT at the sensor": (float(sigma / slope), "K"),
+        }
         on_target = sight.target >= 2
         if on_target.any():
             passed = float(np.exp(-sight.optical_depth[0][on_target]).mean())

@@ -4,15 +4,27 @@ from __future__ import annotations
 
 import numpy as np
 
-from thzcl.sensor import FrequenciesGHz, Image, Needs, Optics, Parameters, Radiances, Sensor, View, hookimpl, parameter
+from thzcl.sensor import (
+    FrequenciesGHz,
+    Image,
+    Needs,
+    Optics,
+    Parameters,
+    Radiances,
+    Sensor,
+    View,
+    hookimpl,
+    parameter,
+)
 
 
 class PassiveSpectral(Sensor):
     """A noiseless passive imager of infinitely narrow bands.
 
-    It records the brightness temperature at each frequency, the spectral (single frequency) passive mode of O'Brien and
-    Tofsted: the temperature of the black body whose Planck radiance equals that of the surface, attenuated, and of the air
-    in front of it. With several frequencies the image is their mean; the result file keeps each.
+    It records the brightness temperature at each frequency, the spectral (single frequency) passive
+    mode of O'Brien and Tofsted: the temperature of the black body whose Planck radiance equals that
+    of the surface, attenuated, and of the air in front of it. With several frequencies the image is
+    their mean; the result file keeps each.
     """
 
     name = "passive-spectral"
@@ -31,7 +43,9 @@ class PassiveSpectral(Sensor):
 
     def observe(self, sight: Radiances, rng: np.random.Generator) -> Image:  # noqa: ARG002 (as above)
         """Brightness temperature in kelvin, averaged over the frequencies."""
-        return Image(sight.brightness_temperature.mean(axis=0), unit="K", quantity="brightness temperature")
+        return Image(
+            sight.brightness_temperature.mean(axis=0), unit="K", quantity="brightness temperature"
+        )
 
 
 @hookimpl

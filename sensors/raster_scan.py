@@ -1,4 +1,7 @@
-"""Scanning: any other sensor whose pixels are taken one after the other, while the wind moves the air."""
+"""Scanning: any other sensor whose pixels are taken one after the other.
+
+While the wind moves the air.
+"""
 
 from __future__ import annotations
 
@@ -13,10 +16,11 @@ from thzcl.sensor import Image, Needs, Parameters, Sensor, View, hookimpl, param
 class RasterScan(Sensor):
     """Another sensor, described in [sensor.detector], whose pixels are taken at times of their own.
 
-    Frozen air moves with the wind ([atmosphere.fluctuations] wind_m_s): at time t a ray starts from -U t in the cube, exactly.
-    With `timing = "raster"` the n-th pixel is taken at n dwell times, row by row from the top left, or column by column,
-    back and forth or always in one direction. With "focal-plane" all are taken together, and the mean of `samples` instants
-    spread over the integration time is what is recorded.
+    Frozen air moves with the wind ([atmosphere.fluctuations] wind_m_s): at time t a ray starts from
+    -U t in the cube, exactly. With `timing = "raster"` the n-th pixel is taken at n dwell times,
+    row by row from the top left, or column by column, back and forth or always in one direction.
+    With "focal-plane" all are taken together, and the mean of `samples` instants spread over the
+    integration time is what is recorded.
     """
 
     name = "raster-scan"
@@ -26,13 +30,23 @@ class RasterScan(Sensor):
     class Params(Parameters):
         """Parameters of the scan."""
 
-        timing: Literal["raster", "focal-plane"] = parameter("raster", help="one pixel after the other, or all together")
-        dwell_s: float | None = parameter(None, gt=0, unit="s", help="time from one pixel to the next")
+        timing: Literal["raster", "focal-plane"] = parameter(
+            "raster", help="one pixel after the other, or all together"
+        )
+        dwell_s: float | None = parameter(
+            None, gt=0, unit="s", help="time from one pixel to the next"
+        )
         order: Literal["rows", "columns"] = parameter("rows", help="along rows, or along columns")
-        back_and_forth: bool = parameter(False, help="every other row (or column) in the opposite direction")
+        back_and_forth: bool = parameter(
+            False, help="every other row (or column) in the opposite direction"
+        )
         reverse: bool = parameter(False, help="the last pixel first")
-        integration_time_s: float | None = parameter(None, gt=0, unit="s", help="time over which a focal plane integrates")
-        samples: int = parameter(8, ge=1, le=1000, help="instants averaged over the integration time")
+        integration_time_s: float | None = parameter(
+            None, gt=0, unit="s", help="time over which a focal plane integrates"
+        )
+        samples: int = parameter(
+            8, ge=1, le=1000, help="instants averaged over the integration time"
+        )
 
         def troubles(self) -> list[Any]:
             """Keys that belong together."""

@@ -17,20 +17,34 @@ sys.path.insert(0, str(Path(__file__).parent))
 @pytest.fixture(scope="session")
 def device():
     """PoCL's CPU, or whatever else is the default."""
-    from thzcl.device import open_device
+    from thzcl.device.opencl import open_device
 
     return open_device()
 
 
 @pytest.fixture
 def thzcl_command(tmp_path):
-    """Runs the command line in a process of its own, in an empty folder; gives back the finished process."""
+    """Runs the command line in a process of its own, in an empty folder.
+
+    Gives back the finished process.
+    """
 
     def call(*arguments, cwd=tmp_path, env=None, **options):
-        environment = {k: v for k, v in os.environ.items() if k != "PYTHONPATH"} | {"PYTHONPATH": str(ROOT)} | (env or {})
+        environment = (
+            {k: v for k, v in os.environ.items() if k != "PYTHONPATH"}
+            | {"PYTHONPATH": str(ROOT)}
+            | (env or {})
+        )
         command = [sys.executable, "-m", "thzcl", *map(str, arguments)]
         return subprocess.run(
-            command, cwd=cwd, env=environment, capture_output=True, text=True, timeout=300, check=False, **options
+            command,
+            cwd=cwd,
+            env=environment,
+            capture_output=True,
+            text=True,
+            timeout=300,
+            check=False,
+            **options,
         )
 
     return call

@@ -1,4 +1,7 @@
-"""Hygrometer records made for the tests: of known structure constant, with what goes wrong in the field."""
+"""Hygrometer records made for the tests: of known structure constant.
+
+With what goes wrong in the field.
+"""
 
 from __future__ import annotations
 
@@ -8,19 +11,27 @@ from pathlib import Path
 import numpy as np
 
 RECORD = Path(__file__).parent / "data" / "hygrometer_20hz_2012-06-07_1245.dat"
-# One-sided in cycles per metre; by Tatarskii's 0.1244 of the two-sided density in radians per metre.
+# One-sided in cycles per metre; by Tatarskii's 0.1244 of the two-sided density in radians per
+# metre.
 FINER = 4  # a hygrometer takes points: what varies between them is folded into its spectrum
-ONE_SIDED = 2 * math.gamma(5 / 3) * math.sin(math.pi / 3) / (2 * math.pi) * (2 * math.pi) ** (-2 / 3)
+ONE_SIDED = (
+    2 * math.gamma(5 / 3) * math.sin(math.pi / 3) / (2 * math.pi) * (2 * math.pi) ** (-2 / 3)
+)
 
 
 def signal(rng, samples, step_m, constant, outer_m):
-    """A Gaussian signal (samples,) with a von Karman spectrum, cut from a longer, finer one: not periodic, aliased."""
+    """A Gaussian signal (samples,) with a von Karman spectrum, cut from a longer, finer one.
+
+    Not periodic, aliased.
+    """
     long, step_m = 4 * FINER * samples, step_m / FINER
     frequency = np.fft.rfftfreq(long, step_m)
     density = ONE_SIDED * constant * (frequency**2 + outer_m**-2) ** (-5 / 6)
     density[0] = 0
     noise = rng.standard_normal(len(frequency)) + 1j * rng.standard_normal(len(frequency))
-    return np.fft.irfft(noise * np.sqrt(density * long / step_m) / 2, long)[: samples * FINER : FINER]
+    return np.fft.irfft(noise * np.sqrt(density * long / step_m) / 2, long)[
+        : samples * FINER : FINER
+    ]
 
 
 def write_csv(path, columns, missing=()):
@@ -33,9 +44,16 @@ def write_csv(path, columns, missing=()):
 def synthetic(
     path, seed, samples=18000, constant=0.2, wind=3.0, rate=20.0, gaps=0.01, spikes=0.001, noise=0.01, outer_m=100.0
 ):  # fmt: skip
-    """A CSV record with noise of the sensor (g/m3), gaps and spikes; and where they are, as two arrays of rows."""
+    """A CSV record with noise of the sensor (g/m3), gaps and spikes; and where they are.
+
+    As two arrays of rows.
+    """
     rng = np.random.default_rng(seed)
-    humidity = 12 + signal(rng, samples, wind / rate, constant, outer_m) + noise * rng.standard_normal(samples)
+    humidity = (
+        12
+        + signal(rng, samples, wind / rate, constant, outer_m)
+        + noise * rng.standard_normal(samples)
+    )
     spoilt = 1 + rng.choice(samples - 2, round((gaps + spikes) * samples), replace=False)
     missing, spiky = np.split(spoilt, [round(gaps * samples)])
     humidity[spiky] += rng.choice([-1, 1], len(spiky)) * rng.uniform(3, 10, len(spiky))

@@ -17,7 +17,8 @@ TABLES = Path(__file__).parents[1] / "thzcl" / "absorption"
 H, K, C = 6.62607015e-34, 1.380649e-23, 299792458.0
 
 
-# --- absorption -----------------------------------------------------------------------------------------------------------
+# --- absorption
+# -----------------------------------------------------------------------------------------------------------
 
 
 def lines(name):
@@ -37,7 +38,10 @@ def attenuation_db_km(f, kelvin, pressure, e, corrected=False):
         s = 1e-6 * a1 / f0 * p * theta**3 * np.exp(a2 * (1 - theta))
         g = np.hypot(1e-3 * a3 * (p * theta ** (0.8 - a4) + 1.1 * e * theta), 25 * 0.6e-4)
         d = 1e-3 * (a5 + a6 * theta) * (p + e) * theta**0.8
-        oxygen = oxygen + s * f * ((g - (f0 - f) * d) / ((f0 - f) ** 2 + g * g) + (g - (f0 + f) * d) / ((f0 + f) ** 2 + g * g))
+        oxygen = oxygen + s * f * (
+            (g - (f0 - f) * d) / ((f0 - f) ** 2 + g * g)
+            + (g - (f0 + f) * d) / ((f0 + f) ** 2 + g * g)
+        )
     g0 = 0.56e-3 * (p + e) * theta**0.8
     dry = np.maximum(oxygen, 0.0)
     dry = dry + 6.14e-5 * p * theta**2 * f * g0 / (f * f + g0 * g0)
@@ -45,7 +49,13 @@ def attenuation_db_km(f, kelvin, pressure, e, corrected=False):
     vapour = 0.0
     for f0, b1, b2, b3, b4, b5, b6 in WATER:
         abundance = {547.68: 0.00199983, 552.02: 0.000372}.get(round(f0, 2)) if corrected else None
-        s = (48.74 * abundance if abundance else b1) / f0 * e * theta**3.5 * np.exp(b2 * (1 - theta))
+        s = (
+            (48.74 * abundance if abundance else b1)
+            / f0
+            * e
+            * theta**3.5
+            * np.exp(b2 * (1 - theta))
+        )
         g = 1e-3 * b3 * (b4 * e * theta**b6 + p * theta**b5)
         if pressure < 0.7:
             g = 0.535 * g + np.sqrt(0.217 * g * g + (1.46e-6 * f0) ** 2 / theta)
@@ -59,12 +69,16 @@ def saturation_hpa(kelvin):
 
 
 def absorption_per_m(frequency_hz, kelvin, pressure, grams):
-    """1/m of air that holds so many g/m3 of vapour, which cannot be more than there is pressure; numbers or arrays."""
+    """1/m of air that holds so many g/m3 of vapour, which cannot be more than there is pressure.
+
+    Numbers or arrays.
+    """
     e = np.minimum(grams * 1e-3 * 461.525 * kelvin / 100, pressure)
     return sum(attenuation_db_km(frequency_hz / 1e9, kelvin, pressure, e)) / (1e4 / math.log(10))
 
 
-# --- radiance -------------------------------------------------------------------------------------------------------------
+# --- radiance
+# -------------------------------------------------------------------------------------------------------------
 
 
 def planck(frequency_hz, kelvin):
@@ -78,7 +92,8 @@ def brightness_temperature(frequency_hz, radiance):
     return H * frequency_hz / K / math.log1p(2 * H * frequency_hz**3 / C**2 / radiance)
 
 
-# --- geometry -------------------------------------------------------------------------------------------------------------
+# --- geometry
+# -------------------------------------------------------------------------------------------------------------
 
 
 @dataclass
@@ -110,7 +125,10 @@ class Box:
     yaw: float = 0.0
 
     def meet(self, origin, direction):
-        """Distance to the first face met, its axis and sign, or None. From inside, the face by which the ray leaves."""
+        """Distance to the first face met, its axis and sign, or None. From inside.
+
+        The face by which the ray leaves.
+        """
         c, s = math.cos(math.radians(self.yaw)), math.sin(math.radians(self.yaw))
         turn = np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]])
         o, d = turn @ (origin - np.array(self.center)), turn @ direction
@@ -129,7 +147,10 @@ class Box:
 
 
 def stripe(box, hit, count):
-    """Number of the stripe at a hit, from the left as seen from outside with z up (x to the right on top)."""
+    """Number of the stripe at a hit.
+
+    From the left as seen from outside with z up (x to the right on top).
+    """
     _, axis, sign, point = hit
     normal = np.zeros(3)
     normal[axis] = sign
@@ -140,7 +161,8 @@ def stripe(box, hit, count):
     return min(max(int(fraction * count), 0), count - 1)
 
 
-# --- paths ----------------------------------------------------------------------------------------------------------------
+# --- paths
+# ----------------------------------------------------------------------------------------------------------------
 
 
 def segments(origin, direction, length, n):
@@ -171,7 +193,10 @@ def path(cube, origin, direction, length_m, voxel_m, rotation):
 
 
 def transfer(absorption, metres, source, surface):
-    """Equation (2): radiance at the camera, from the absorption, length and Planck radiance of each segment, camera first."""
+    """Equation (2): radiance at the camera, from the absorption.
+
+    Length and Planck radiance of each segment, camera first.
+    """
     radiance, transmission = 0.0, 1.0
     for k, ds, j in zip(absorption, metres, source, strict=True):
         radiance += transmission * j * -math.expm1(-k * ds)
@@ -179,7 +204,8 @@ def transfer(absorption, metres, source, surface):
     return radiance + transmission * surface
 
 
-# --- field ----------------------------------------------------------------------------------------------------------------
+# --- field
+# ----------------------------------------------------------------------------------------------------------------
 
 
 def philox(counter, key):
@@ -200,27 +226,34 @@ def philox(counter, key):
 
 
 def gaussian_fields(n, voxel_m, seed, psi):
-    """Two real fields whose spectrum is psi(xi): Hermitian noise of unit variance, transformed. Arrays [z, y, x]."""
+    """Two real fields whose spectrum is psi(xi): Hermitian noise of unit variance, transformed.
+
+    Arrays [z, y, x].
+    """
     wave = np.rint(np.fft.fftfreq(n, 1 / n)).astype(int)
     kz, ky, kx = np.meshgrid(wave, wave, wave, indexing="ij")
     xi = np.sqrt(kx**2 + ky**2 + kz**2) / (n * voxel_m)
     amplitude = np.zeros(xi.shape)
     amplitude[xi > 0] = np.sqrt(psi(xi[xi > 0]) / (n * voxel_m) ** 3)
-    # Of each pair k, -k one draws: that with 0 < x < n/2, and in the planes x = 0 and n/2 the earlier in (z, y).
+    # Of each pair k, -k one draws: that with 0 < x < n/2, and in the planes x = 0 and n/2 the
+    # earlier in (z, y).
     x, y, z = kx % n, ky % n, kz % n
     mx, my, mz = -x % n, -y % n, -z % n
     in_plane = (x == 0) | (x == n // 2)
     mirrored = np.where(in_plane, (mz < z) | ((mz == z) & (my < y)), x > n // 2)
     own = (x == mx) & (y == my) & (z == mz)
     words = philox(
-        [np.where(mirrored, a, b) for a, b in ((mx, x), (my, y), (mz, z))] + [np.zeros_like(x)], (seed % 2**32, seed >> 32)
+        [np.where(mirrored, a, b) for a, b in ((mx, x), (my, y), (mz, z))] + [np.zeros_like(x)],
+        (seed % 2**32, seed >> 32),
     )
     fields = []
     for a, b in (words[:2], words[2:]):
         radius = np.sqrt(-2 * np.log((a.astype(float) + 0.5) / 2**32))
         angle = 2 * np.pi * b.astype(float) / 2**32
         real, imaginary = radius * np.cos(angle), radius * np.sin(angle)
-        noise = np.where(own, real, (real + 1j * np.where(mirrored, -imaginary, imaginary)) / math.sqrt(2))
+        noise = np.where(
+            own, real, (real + 1j * np.where(mirrored, -imaginary, imaginary)) / math.sqrt(2)
+        )
         field = np.fft.ifftn(noise * amplitude) * n**3
         assert abs(field.imag).max() < 1e-9 * abs(field.real).max()
         fields.append(field.real)

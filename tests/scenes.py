@@ -37,7 +37,10 @@ PLAIN = {
 
 
 def scene(**changes):
-    """PLAIN with dotted keys changed ("camera.pixels" as camera__pixels); None removes a key or table."""
+    """PLAIN with dotted keys changed ("camera.pixels" as camera__pixels).
+
+    None removes a key or table.
+    """
     data = deepcopy(PLAIN)
     for name, value in changes.items():
         *tables, last = name.split("__")

@@ -18,8 +18,8 @@ FLOW = [
     "printing", "doctor", "options", "cli", "entry", "__main__",
 ]  # fmt: skip
 STRANGERS = [
-    ("field", "trace"),
-    ("trace", "field"),
+    ("turbulence/field", "paths/trace"),
+    ("paths/trace", "turbulence/field"),
     ("result", "device"),
     ("figure", "device"),
     ("plan", "device"),
@@ -31,7 +31,11 @@ def imports(path):
     """Every module that a file imports, anywhere in it, except for type checking alone."""
     found = set()
     tree = ast.parse(path.read_text(encoding="utf-8"))
-    checking = [node for node in ast.walk(tree) if isinstance(node, ast.If) and getattr(node.test, "id", "") == "TYPE_CHECKING"]
+    checking = [
+        node
+        for node in ast.walk(tree)
+        if isinstance(node, ast.If) and getattr(node.test, "id", "") == "TYPE_CHECKING"
+    ]
     skipped = {id(inner) for node in checking for inner in ast.walk(node)}
     for node in ast.walk(tree):
         if id(node) in skipped:
@@ -54,7 +58,9 @@ def part(module):
 def sources():
     for path in sorted((ROOT / "thzcl").rglob("*.py")):
         where = path.relative_to(ROOT / "thzcl").parts[0].removesuffix(".py")
-        yield pytest.param("thzcl" if where == "__init__" else where, path, id=str(path.relative_to(ROOT)))
+        yield pytest.param(
+            "thzcl" if where == "__init__" else where, path, id=str(path.relative_to(ROOT))
+        )
 
 
 @pytest.mark.parametrize(("name", "path"), list(sources()))
@@ -68,7 +74,9 @@ def test_imports_follow_the_flow(name, path):
             assert name == "device", f"{name} imports {module}: only device.py may"
 
 
-@pytest.mark.parametrize("path", sorted((ROOT / "sensors").glob("*.py")), ids=lambda path: path.name)
+@pytest.mark.parametrize(
+    "path", sorted((ROOT / "sensors").glob("*.py")), ids=lambda path: path.name
+)
 def test_sensors_import_the_contract_and_numpy_alone(path):
     """Beside the standard library."""
     for module in imports(path):
@@ -77,7 +85,16 @@ def test_sensors_import_the_contract_and_numpy_alone(path):
 
 
 def test_the_top_level_holds_what_it_should():
-    allowed = {"pyproject.toml", "README.md", "LICENSE", "thzcl", "kernels", "sensors", "scenarios", "tests"}
+    allowed = {
+        "pyproject.toml",
+        "README.md",
+        "LICENSE",
+        "thzcl",
+        "kernels",
+        "sensors",
+        "scenarios",
+        "tests",
+    }
     if not (ROOT / ".git").exists():
         pytest.skip("not a checkout: nothing says which files are the project's")
     tracked = subprocess.run(

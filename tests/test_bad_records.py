@@ -1,4 +1,7 @@
-"""What is no usable record: one message naming file, line and column, and what was expected; exit code 2; no figure."""
+"""What is no usable record: one message naming file, line and column, and what was expected.
+
+Exit code 2; no figure.
+"""
 
 from __future__ import annotations
 
@@ -8,8 +11,8 @@ import numpy as np
 import pytest
 from hygrometer import RECORD, synthetic, write_csv
 
-from thzcl.fluctuations.columns import RecordError
-from thzcl.fluctuations.study import study
+from thzcl.records.columns import RecordError
+from thzcl.records.study import study
 
 LINES = RECORD.read_text().splitlines(keepends=True)
 
@@ -17,14 +20,21 @@ LINES = RECORD.read_text().splitlines(keepends=True)
 @pytest.fixture(scope="module")
 def plain(tmp_path_factory):
     """A sound record: names and columns."""
-    path, _, _ = synthetic(tmp_path_factory.mktemp("plain") / "a.csv", 1, samples=3000, gaps=0, spikes=0)
+    path, _, _ = synthetic(
+        tmp_path_factory.mktemp("plain") / "a.csv", 1, samples=3000, gaps=0, spikes=0
+    )
     names = path.read_text().split("\n", 1)[0].split(",")
     return dict(zip(names, np.loadtxt(path, delimiter=",", skiprows=1).T, strict=True))
 
 
 def text(change):
-    """The shipped record's first lines, changed one by one by a function of the line and its number from 1."""
-    return "".join(change(line, number) for number, line in enumerate(LINES[:3000], start=1)).encode()
+    """The shipped record's first lines.
+
+    Changed one by one by a function of the line and its number from 1.
+    """
+    return "".join(
+        change(line, number) for number, line in enumerate(LINES[:3000], start=1)
+    ).encode()
 
 
 def cell(line, at, value):
@@ -34,11 +44,20 @@ def cell(line, at, value):
 
 
 FILES = {
-    "empty": (b"", r"bad\.dat:1: empty; expected Campbell TOA5, CSV with a header, or a LI-COR GHG archive"),
+    "empty": (
+        b"",
+        r"bad\.dat:1: empty; expected Campbell TOA5, CSV with a header, or a LI-COR GHG archive",
+    ),
     "binary": (bytes(range(256)) * 40, r"bad\.dat:1: binary, not text; expected"),
     "broken archive": (b"PK\3\4" + bytes(100), r"bad\.dat: a broken archive"),
-    "header alone": ("".join(LINES[:4]).encode(), r"bad\.dat:5: empty below its header; expected rows with TIMESTAMP, h2o"),
-    "header cut": ("".join(LINES[:2]).encode(), r"bad\.dat:3: column 10: 10 names of columns and 0 units; expected as many"),
+    "header alone": (
+        "".join(LINES[:4]).encode(),
+        r"bad\.dat:5: empty below its header; expected rows with TIMESTAMP, h2o",
+    ),
+    "header cut": (
+        "".join(LINES[:2]).encode(),
+        r"bad\.dat:3: column 10: 10 names of columns and 0 units; expected as many",
+    ),
     "truncated row": (
         text(lambda line, n: line if n < 3000 else line[:40]),
         r"bad\.dat:3000: column \d+: \d columns, expected the header's 10; a row cut short\?",
@@ -101,8 +120,14 @@ def test_each_bad_file_has_its_message(tmp_path, case):
 
 
 ARRAYS = {
-    "constant": (lambda _: {"h2o_g_m3": np.full(3000, 9.0)}, r"column h2o_g_m3: holds 9 throughout; expected a signal"),
-    "zero wind": (lambda _: {"Ux_m_s": np.zeros(3000), "Uy_m_s": np.zeros(3000)}, r"mean wind of 0 m/s; expected at least 0.1"),
+    "constant": (
+        lambda _: {"h2o_g_m3": np.full(3000, 9.0)},
+        r"column h2o_g_m3: holds 9 throughout; expected a signal",
+    ),
+    "zero wind": (
+        lambda _: {"Ux_m_s": np.zeros(3000), "Uy_m_s": np.zeros(3000)},
+        r"mean wind of 0 m/s; expected at least 0.1",
+    ),
     "mixed rate": (
         lambda c: {"time_s": np.where(c["time_s"] < 75, c["time_s"], 75 + (c["time_s"] - 75) * 2)},
         r"bad\.csv:150\d: column time_s: steps of 0.1 s from here on, 0.05 s elsewhere; expected one rate",
@@ -115,7 +140,10 @@ ARRAYS = {
         lambda _: {"h2o_g_m3": 9 + 0.1 * np.random.default_rng(1).standard_normal(3000)},
         r"bad\.csv: humidity: expected an inertial range",
     ),
-    "a sine": (lambda c: {"h2o_g_m3": 9 + np.sin(c["time_s"])}, r"bad\.csv: humidity: expected an inertial range"),
+    "a sine": (
+        lambda c: {"h2o_g_m3": 9 + np.sin(c["time_s"])},
+        r"bad\.csv: humidity: expected an inertial range",
+    ),
 }
 
 
@@ -131,7 +159,10 @@ def test_each_unusable_signal_has_its_message(tmp_path, plain, case):
     ("columns", "expected"),
     [
         ("h2o=vapour", r"--columns h2o=vapour: no such column; there are time_s, h2o_g_m3"),
-        ("moisture=h2o_g_m3", r"--columns moisture=h2o_g_m3: write ROLE=NAME or ROLE=NAME:UNIT, with a role of time"),
+        (
+            "moisture=h2o_g_m3",
+            r"--columns moisture=h2o_g_m3: write ROLE=NAME or ROLE=NAME:UNIT, with a role of time",
+        ),
         ("h2o=h2o_g_m3:cubits", r'column h2o_g_m3: unknown unit "cubits"; expected one of'),
     ],
 )
@@ -143,7 +174,10 @@ def test_columns_named_wrongly(tmp_path, plain, columns, expected):
 
 def test_the_command_says_it_and_stops(tmp_path, thzcl_command):
     (tmp_path / "bad.dat").write_bytes(b"")
-    for arguments, expected in ((("bad.dat",), "bad.dat:1: empty"), (("none.dat",), "none.dat: No such file")):
+    for arguments, expected in (
+        (("bad.dat",), "bad.dat:1: empty"),
+        (("none.dat",), "none.dat: No such file"),
+    ):
         done = thzcl_command("fluctuations", *arguments, "-o", "out", "--scene", "scene.toml")
         assert done.returncode == 2
         assert done.stderr.startswith(expected) and done.stderr.count("\n") == 1

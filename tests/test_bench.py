@@ -1,4 +1,7 @@
-"""That tests/bench compares like with like: every rival does the same work to the error that is told of it. No times."""
+"""That tests/bench compares like with like.
+
+Every rival does the same work to the error that is told of it. No times.
+"""
 
 from __future__ import annotations
 
@@ -46,13 +49,27 @@ WARM = {"atmosphere.fluctuations.temperature_sigma_k": 0.5, "sensor.frequency_gh
 
 @pytest.mark.parametrize(
     ("name", "settings"),
-    [("slide", {}), ("slide", WARM), ("slide", {"numerics.ray_stride": 4}), ("figure7", {}), ("figure8", {}), ("raster", {})],
+    [
+        ("slide", {}),
+        ("slide", WARM),
+        ("slide", {"numerics.ray_stride": 4}),
+        ("figure7", {}),
+        ("figure8", {}),
+        ("raster", {}),
+    ],
 )
 def test_images_of_single_rays_as_a_gpu_has_them(device, name, settings):
-    """Every kernel with one ray to a work-item gives the images that packets give, to float32's rounding."""
+    """Every kernel with one ray to a work-item gives the images that packets give.
+
+    To float32's rounding.
+    """
     single = setting.OneLane(device.context.devices[0], device.info)
-    plan = pipeline.prepare(name, {"camera.pixels": [24, 24], "numerics.error_budget": False} | settings)
-    ours, theirs = (pipeline.compute_images(plan, one, Clock()).variants for one in (device, single))
+    plan = pipeline.prepare(
+        name, {"camera.pixels": [24, 24], "numerics.error_budget": False} | settings
+    )
+    ours, theirs = (
+        pipeline.compute_images(plan, one, Clock()).variants for one in (device, single)
+    )
     for packed, alone in zip(ours, theirs, strict=True):
         largest = np.abs(packed.image.values).max()
         assert np.allclose(packed.image.values, alone.image.values, rtol=0, atol=FLOAT32 * largest)
@@ -78,7 +95,10 @@ def test_numba_marches_the_same_rays(small, real):
 
 
 def test_mitsuba_sees_the_same_image(small):
-    """Transmission t of independent samples has the variance t (1 - t) a sample; the mean of all pixels is known to 1 %."""
+    """Transmission t of independent samples has the variance t (1 - t) a sample.
+
+    The mean of all pixels is known to 1 %.
+    """
     pytest.importorskip("mitsuba")
     call = mitsuba_march.mitsuba_march(small)
     many = 100
@@ -86,7 +106,9 @@ def test_mitsuba_sees_the_same_image(small):
     image = np.mean([call() for _ in range(many)], axis=0)
     expected = np.sqrt(np.mean(transmission * (1 - transmission)) / many / mitsuba_march.SAMPLES)
     assert np.sqrt(np.mean((image - transmission) ** 2)) == pytest.approx(expected, rel=0.15)
-    assert image.mean() == pytest.approx(transmission.mean(), abs=4 * expected / np.sqrt(small.rays))
+    assert image.mean() == pytest.approx(
+        transmission.mean(), abs=4 * expected / np.sqrt(small.rays)
+    )
 
 
 def test_alternate_takes_turns_and_medians():
@@ -120,7 +142,10 @@ def test_a_claim_without_times_is_measured(device):
 
 
 def test_readme_shows_the_records():
-    """Its tables are made of them, by `python tests/bench --output tests/bench/record.json --readme`."""
+    """Its tables are made of them.
+
+    By `python tests/bench --output tests/bench/record.json --readme`.
+    """
     found = json.loads((ROOT / "tests" / "bench" / "record.json").read_text(encoding="utf-8"))
     text = (ROOT / "README.md").read_text(encoding="utf-8")
     assert readme.section(found) in text

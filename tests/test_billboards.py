@@ -1,4 +1,7 @@
-"""Billboards: pictures where they belong, the right way round, and only pictures that can be trusted."""
+"""Billboards: pictures where they belong, the right way round.
+
+And only pictures that can be trusted.
+"""
 
 from __future__ import annotations
 
@@ -13,8 +16,9 @@ from conftest import ROOT
 from PIL import Image
 from scenes import run, scene, write
 
-from thzcl import pipeline, texture
+from thzcl import pipeline
 from thzcl.scenario import ScenarioError
+from thzcl.surfaces import texture
 
 BOARD = {
     "kind": "billboard", "center_m": [20.0, 0.0, 5.0], "size_m": [4.0, 3.0], "facing_deg": 180.0,
@@ -45,7 +49,10 @@ def ramp(tmp_path):
 @pytest.mark.parametrize("bits", [8, 16])
 @pytest.mark.parametrize("interpolation", ["bilinear", "nearest"])
 def test_a_picture_is_seen_as_it_is(tmp_path, ramp, bits, interpolation):
-    """A board that fills the frame, one texel to a pixel: row 0 at the top, column 0 at the left."""
+    """A board that fills the frame, one texel to a pixel: row 0 at the top.
+
+    Column 0 at the left.
+    """
     save(tmp_path, ramp, bits=bits)
     data = scene(**AHEAD, targets={"board": BOARD | {"interpolation": interpolation}})
     kelvin = run(tmp_path, data).variants[0].radiances.brightness_temperature[0]
@@ -54,7 +61,11 @@ def test_a_picture_is_seen_as_it_is(tmp_path, ramp, bits, interpolation):
 
 def test_from_behind_it_is_mirrored(tmp_path, ramp):
     ahead = AHEAD | {"camera__position_m": [40.0, 0.0, 5.0]}
-    kelvin = run(tmp_path, scene(**ahead, targets={"board": BOARD})).variants[0].radiances.brightness_temperature[0]
+    kelvin = (
+        run(tmp_path, scene(**ahead, targets={"board": BOARD}))
+        .variants[0]
+        .radiances.brightness_temperature[0]
+    )
     assert kelvin == pytest.approx(280 + 40 * ramp[:, ::-1], abs=0.1)
 
 
@@ -69,10 +80,16 @@ def test_geometry_and_bilinear_values_against_the_oracle(tmp_path, ramp, facing)
     data = scene(**AHEAD, targets={"board": board}, numerics={"precision": "float64"})
     sight = run(tmp_path, data).variants[0].radiances
     lens = oracle.Camera(
-        *(data["camera"][k] for k in ("position_m", "look_at_m", "focal_length_mm", "focal_plane_mm", "pixels"))
+        *(
+            data["camera"][k]
+            for k in ("position_m", "look_at_m", "focal_length_mm", "focal_plane_mm", "pixels")
+        )
     )
     turn = np.deg2rad(facing)
-    normal, right = np.array([np.cos(turn), np.sin(turn), 0]), np.array([-np.sin(turn), np.cos(turn), 0])
+    normal, right = (
+        np.array([np.cos(turn), np.sin(turn), 0]),
+        np.array([-np.sin(turn), np.cos(turn), 0]),
+    )
     hits = 0
     for row, column in np.ndindex(30, 40):
         direction = lens.ray(row, column)
@@ -96,7 +113,12 @@ def test_one_sees_past_the_dark_parts_of_a_mask(tmp_path):
     mask = np.zeros((30, 40))
     mask[:, 20:] = 1
     save(tmp_path, mask, "mask.png")
-    wall = {"kind": "box", "center_m": [30.0, 0.0, 5.0], "size_m": [1.0, 50.0, 50.0], "temperature_k": 250.0}
+    wall = {
+        "kind": "box",
+        "center_m": [30.0, 0.0, 5.0],
+        "size_m": [1.0, 50.0, 50.0],
+        "temperature_k": 250.0,
+    }
     data = scene(**AHEAD, targets={"board": BOARD | {"mask": "mask.png"}, "wall": wall})
     sight = run(tmp_path, data).variants[0].radiances
     assert np.all(sight.target[:, :20] == 3) and np.all(sight.target[:, 20:] == 2)
@@ -106,21 +128,36 @@ def test_one_sees_past_the_dark_parts_of_a_mask(tmp_path):
 def test_reflectivity_maps(tmp_path, ramp):
     """Passive: (1 - R) B(T) + R B_environment, R from the map; active: the echo is the map."""
     board = BOARD | {"quantity": "reflectivity", "range": [0.0, 0.5], "temperature_k": 310.0}
-    sight = run(tmp_path, scene(**AHEAD, targets={"board": board}, background__environment=100.0)).variants[0].radiances
+    sight = (
+        run(tmp_path, scene(**AHEAD, targets={"board": board}, background__environment=100.0))
+        .variants[0]
+        .radiances
+    )
     r = np.rint(ramp * 255) / 255 * 0.5
     expected = (1 - r) * oracle.planck(650e9, 310.0) + r * oracle.planck(650e9, 100.0)
     assert sight.radiance[0] == pytest.approx(expected, rel=1e-5)
     active = run(
         tmp_path,
-        scene(**AHEAD, targets={"board": board}, sensor={"kind": "active", "frequency_ghz": 650.0, "dynamic_range_db": 90.0}),
+        scene(
+            **AHEAD,
+            targets={"board": board},
+            sensor={"kind": "active", "frequency_ghz": 650.0, "dynamic_range_db": 90.0},
+        ),
     )
-    assert active.variants[0].image.layers["received_power"].values == pytest.approx(1e-3 * r, abs=1e-9)
+    assert active.variants[0].image.layers["received_power"].values == pytest.approx(
+        1e-3 * r, abs=1e-9
+    )
 
 
 @pytest.mark.usefixtures("ramp")
 def test_a_board_lit_from_behind_stays_dark(tmp_path):
     board = BOARD | {"quantity": "reflectivity", "range": [0.2, 0.5]}
-    sensor = {"kind": "active", "frequency_ghz": 650.0, "dynamic_range_db": 90.0, "arrangement": "bistatic"}
+    sensor = {
+        "kind": "active",
+        "frequency_ghz": 650.0,
+        "dynamic_range_db": 90.0,
+        "arrangement": "bistatic",
+    }
     for place, lit in (([0.0, 3.0, 5.0], True), ([40.0, 3.0, 5.0], False)):
         data = scene(**AHEAD, targets={"board": board}, sensor=sensor | {"transmitter_m": place})
         power = run(tmp_path, data).variants[0].image.layers["received_power"].values
@@ -135,12 +172,17 @@ def test_paths_stay_inside_the_scenarios_folder(tmp_path, thzcl_command):
     file = write(inner, data)
     done = thzcl_command("check", file)
     assert done.returncode == 2
-    assert "../board.png: leads out of the scenario's folder; move it there, or pass --allow-outside" in done.stderr
+    assert (
+        "../board.png: leads out of the scenario's folder; move it there, or pass --allow-outside"
+        in done.stderr
+    )
     assert thzcl_command("check", file, "--allow-outside").returncode == 0
     (inner / "link.png").symlink_to(tmp_path / "board.png")
     assert (
         "leads out"
-        in thzcl_command("check", write(inner, scene(**AHEAD, targets={"board": BOARD | {"image": "link.png"}}))).stderr
+        in thzcl_command(
+            "check", write(inner, scene(**AHEAD, targets={"board": BOARD | {"image": "link.png"}}))
+        ).stderr
     )
 
 
@@ -148,11 +190,16 @@ def bomb(path, side):
     """A tiny PNG that says it is enormous."""
 
     def chunk(name, data):
-        return struct.pack(">I", len(data)) + name + data + struct.pack(">I", zlib.crc32(name + data))
+        return (
+            struct.pack(">I", len(data)) + name + data + struct.pack(">I", zlib.crc32(name + data))
+        )
 
     header = struct.pack(">IIBBBBB", side, side, 8, 0, 0, 0, 0)
     path.write_bytes(
-        b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", header) + chunk(b"IDAT", zlib.compress(b"\0" * 1000)) + chunk(b"IEND", b"")
+        b"\x89PNG\r\n\x1a\n"
+        + chunk(b"IHDR", header)
+        + chunk(b"IDAT", zlib.compress(b"\0" * 1000))
+        + chunk(b"IEND", b"")
     )
 
 
@@ -177,21 +224,53 @@ def array(values):
 
 BAD = {
     "missing": (lambda folder: folder, {}, "cannot be read: No such file"),
-    "huge": (lambda f: (f / "board.png").write_bytes(b"\0" * 65_000_000), {}, "65 MB; textures may have 64 MB"),
+    "huge": (
+        lambda f: (f / "board.png").write_bytes(b"\0" * 65_000_000),
+        {},
+        "65 MB; textures may have 64 MB",
+    ),
     "truncated": (truncated, {}, "not a sound PNG or TIFF"),
     "no picture": (lambda f: (f / "board.png").write_text("hello"), {}, "not a sound PNG or TIFF"),
-    "a JPEG": (lambda f: Image.new("L", (9, 9)).save(f / "board.png", format="JPEG"), {}, "not a sound PNG or TIFF"),
+    "a JPEG": (
+        lambda f: Image.new("L", (9, 9)).save(f / "board.png", format="JPEG"),
+        {},
+        "not a sound PNG or TIFF",
+    ),
     "animated": (animated, {}, "holds 2 pictures"),
     "bomb": (lambda f: bomb(f / "board.png", 5000), {}, "textures may have 16 million"),
-    "greater bomb": (lambda f: bomb(f / "board.png", 50000), {}, "textures may have 16 million|not a sound PNG"),
-    "floats": (lambda f: Image.new("F", (4, 4)).save(f / "board.tiff"), {"image": "board.tiff"}, "pixels of kind F"),
+    "greater bomb": (
+        lambda f: bomb(f / "board.png", 50000),
+        {},
+        "textures may have 16 million|not a sound PNG",
+    ),
+    "floats": (
+        lambda f: Image.new("F", (4, 4)).save(f / "board.tiff"),
+        {"image": "board.tiff"},
+        "pixels of kind F",
+    ),
     "no range": (flat, {"range": None}, "needs range"),
     "range below 0": (flat, {"range": [-1.0, 300.0]}, "range: must lie between 0"),
-    "mask of another size": (lambda f: (flat(f), flat(f, "m.png", (5, 4))), {"mask": "m.png"}, "make them equal"),
+    "mask of another size": (
+        lambda f: (flat(f), flat(f, "m.png", (5, 4))),
+        {"mask": "m.png"},
+        "make them equal",
+    ),
     "array with range": (array(np.zeros((4, 4))), {"image": "a.npy"}, "remove range"),
-    "array of NaN": (array(np.full((4, 4), np.nan)), {"image": "a.npy", "range": None}, "not finite"),
-    "array of three": (array(np.zeros((4, 4, 3))), {"image": "a.npy", "range": None}, "must be a plane of numbers"),
-    "array of objects": (array(np.array([[{}]])), {"image": "a.npy", "range": None}, "not a sound .npy"),
+    "array of NaN": (
+        array(np.full((4, 4), np.nan)),
+        {"image": "a.npy", "range": None},
+        "not finite",
+    ),
+    "array of three": (
+        array(np.zeros((4, 4, 3))),
+        {"image": "a.npy", "range": None},
+        "must be a plane of numbers",
+    ),
+    "array of objects": (
+        array(np.array([[{}]])),
+        {"image": "a.npy", "range": None},
+        "not a sound .npy",
+    ),
     "two temperatures": (flat, {"temperature_k": 300.0}, "is given by the image"),
 }
 
@@ -212,8 +291,13 @@ def test_the_phantom_is_what_its_script_draws(tmp_path):
     phantom.write(tmp_path)
     for name in ("reflectivity", "temperature", "mask"):
         file = f"phantom_{name}.png"
-        drawn, shipped = (texture.read(folder / file, (0.0, 1.0)).values for folder in (tmp_path, ROOT / "scenarios"))
+        drawn, shipped = (
+            texture.read(folder / file, (0.0, 1.0)).values
+            for folder in (tmp_path, ROOT / "scenarios")
+        )
         assert np.array_equal(drawn, shipped)
     reflectivity, temperature, mask = phantom.phantom()
-    assert reflectivity[mask > 0].max() > 3 * np.median(reflectivity[mask > 0])  # metal under the cloth
+    assert reflectivity[mask > 0].max() > 3 * np.median(
+        reflectivity[mask > 0]
+    )  # metal under the cloth
     assert temperature[mask > 0].min() > 290

@@ -8,9 +8,11 @@ import pytest
 from scenes import run, scene, write
 from test_trace import expected
 
-from thzcl import overview, pipeline, radiometry
-from thzcl.absorption import Air
-from thzcl.reference import exact, walk
+from thzcl import pipeline
+from thzcl.air import radiometry
+from thzcl.air.mean import Air
+from thzcl.error.reference import exact, walk
+from thzcl.plan import report as overview
 from thzcl.scenario import shipped
 
 HZ = 650e9
@@ -49,17 +51,27 @@ def random_scene(number):
 
 
 def true_rms_k(data, result):
-    """Root mean square error of the contrast over all pixels, in K, by the oracle on the saved field."""
+    """Root mean square error of the contrast over all pixels, in K.
+
+    By the oracle on the saved field.
+    """
     depth, _, target = expected(data, result)
-    kelvin = np.array([290.0, data["ground"]["temperature_k"], data["targets"]["box"]["temperature_k"]])
-    reflectivity = np.array([0.0, data["ground"]["reflectivity"], data["targets"]["box"]["reflectivity"]])
+    kelvin = np.array(
+        [290.0, data["ground"]["temperature_k"], data["targets"]["box"]["temperature_k"]]
+    )
+    reflectivity = np.array(
+        [0.0, data["ground"]["reflectivity"], data["targets"]["box"]["reflectivity"]]
+    )
     sent = (1 - reflectivity) * radiometry.planck_difference(HZ, kelvin, 290.0)
     error = result.variants[0].radiances.contrast[0] - sent[target] * np.exp(-depth)
     return float(np.sqrt((error**2).mean()) / radiometry.planck_slope(HZ, 290.0))
 
 
 def test_the_budget_is_honest(tmp_path):
-    """Over 50 random scenes: the true error at most twice the reported in 46, the reported at most ten times the true in 45."""
+    """Over 50 random scenes: the true error at most twice the reported in 46.
+
+    The reported at most ten times the true in 45.
+    """
     ratios = []
     for number in range(50):
         data = random_scene(number)
@@ -71,7 +83,12 @@ def test_the_budget_is_honest(tmp_path):
 
 @pytest.mark.parametrize(
     ("knob", "part"),
-    [({"moments": 1}, "surrogate"), ({"cutoff_depth": 0.6}, "cut-off"), ({"ray_stride": 6}, "ray-stride"), ({}, "arithmetic")],
+    [
+        ({"moments": 1}, "surrogate"),
+        ({"cutoff_depth": 0.6}, "cut-off"),
+        ({"ray_stride": 6}, "ray-stride"),
+        ({}, "arithmetic"),
+    ],
 )
 def test_each_shortcut_is_blamed_for_its_own_error(tmp_path, knob, part):
     """The part at fault carries the total; all others are a hundred times smaller."""
@@ -85,8 +102,14 @@ def test_each_shortcut_is_blamed_for_its_own_error(tmp_path, knob, part):
 
 
 def test_pixel_sampling_falls_with_the_samples(tmp_path):
-    """Four times the samples, about a quarter of the error at the edges; none where the scene is one even wall."""
-    few, many = (run(tmp_path, scene(camera__samples_per_pixel=n)).error_budget["pixel-sampling"]["rms"] for n in (1, 16))
+    """Four times the samples, about a quarter of the error at the edges.
+
+    None where the scene is one even wall.
+    """
+    few, many = (
+        run(tmp_path, scene(camera__samples_per_pixel=n)).error_budget["pixel-sampling"]["rms"]
+        for n in (1, 16)
+    )
     assert 0 < many < few / 2
     alone = scene(targets=None, ground=None, atmosphere__fluctuations=None)
     assert run(tmp_path, alone).error_budget["pixel-sampling"]["rms"] < 1e-6
@@ -106,35 +129,59 @@ def test_active_sensors_have_a_budget_of_echoes(tmp_path):
 
 
 def test_fluctuating_temperature_has_a_budget(tmp_path):
-    """Path emission in float32 against the same sum in float64, each segment with MPM93 of its own."""
+    """Path emission in float32 against the same sum in float64.
+
+    Each segment with MPM93 of its own.
+    """
     data = scene(atmosphere__fluctuations__temperature_sigma_k=1.0)
     found = run(tmp_path, data).error_budget
     assert 0 < found["total"]["relative"] < 2e-6
     assert found["pixel-sampling"]["rms"] > 0
 
 
-@pytest.mark.parametrize("name", [name for name in shipped() if name != "figure9"])  # figure8 with another floor
+@pytest.mark.parametrize(
+    "name", [name for name in shipped() if name != "figure9"]
+)  # figure8 with another floor
 def test_tolerances_are_met_on_shipped_scenes(name):
-    """Against the whole image at 1e-9, not the budget's few rays; a tighter tolerance takes no fewer segments."""
+    """Against the whole image at 1e-9, not the budget's few rays.
+
+    A tighter tolerance takes no fewer segments.
+    """
     small = {"camera.pixels": [60, 60]}
     plan = pipeline.prepare(name)
-    # The nearest, driest and the farthest, wettest of figures 7 and 8; a scene without variants has no names.
+    # The nearest, driest and the farthest, wettest of figures 7 and 8; a scene without variants has
+    # no names.
     some = [plan.variants[n].name for n in (0, -1)] if len(plan.variants) > 2 else []
     best = pipeline.run(name, settings=small | {"numerics.tolerance": 1e-9}, variants=some)
     work = []
     for tolerance in (1e-2, 1e-4, 1e-6):
-        found = pipeline.run(name, settings=small | {"numerics.tolerance": tolerance}, variants=some)
+        found = pipeline.run(
+            name, settings=small | {"numerics.tolerance": tolerance}, variants=some
+        )
         for ours, exactly in zip(found.variants, best.variants, strict=True):
-            of, there = (s.returned if hasattr(s, "returned") else s.contrast for s in (ours.sight, exactly.sight))
+            of, there = (
+                s.returned if hasattr(s, "returned") else s.contrast
+                for s in (ours.sight, exactly.sight)
+            )
             rms = np.sqrt(((of - there) ** 2).mean(axis=(1, 2)))
-            assert (rms <= tolerance * np.abs(there).max(axis=(1, 2))).all(), (name, tolerance, ours.name)
+            assert (rms <= tolerance * np.abs(there).max(axis=(1, 2))).all(), (
+                name,
+                tolerance,
+                ours.name,
+            )
         work.append(found.voxel_segments)
         assert found.error_budget["total"]["relative"] <= tolerance
     assert work[0] <= work[1] <= work[2] * 1.001  # float32 and float64 may count a crossing apart
 
 
 def test_what_is_given_is_not_chosen(tmp_path):
-    numerics = {"tolerance": 1e-6, "precision": "float32", "moments": 2, "cutoff_depth": 9.0, "ray_stride": 2}
+    numerics = {
+        "tolerance": 1e-6,
+        "precision": "float32",
+        "moments": 2,
+        "cutoff_depth": 9.0,
+        "ray_stride": 2,
+    }
     plan = pipeline.prepare(write(tmp_path, scene(numerics=numerics)))
     chosen = overview.numerics(plan.variants[0])
     assert {name: chosen[name] for name in numerics} == numerics
@@ -149,7 +196,10 @@ def test_a_missed_tolerance_is_told(tmp_path):
 @pytest.mark.parametrize("pressure", [1.0, 1013.25])
 @pytest.mark.parametrize("ghz", [183.31, 556.936, 650.0])
 def test_the_reference_is_mpm93_itself(ghz, pressure):
-    """To 1e-12 of the mean absorption, at line centres and at 1 hPa too: what a table of 33 nodes cannot miss."""
+    """To 1e-12 of the mean absorption, at line centres and at 1 hPa too.
+
+    What a table of 33 nodes cannot miss.
+    """
     air = Air("mpm93", 290.0, pressure, 10.0 * pressure / 1013.25)
     absorber = exact(air, np.array([ghz * 1e9]), (-0.9, 3.0), (-5.0, 5.0))
     delta, offset = np.linspace(-0.9, 3.0, 57), np.linspace(-5.0, 5.0, 57)

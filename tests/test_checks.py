@@ -1,4 +1,7 @@
-"""No silent NaN: a number that is none ends the run with its pixel and ray, and what was computed is kept."""
+"""No silent NaN: a number that is none ends the run with its pixel and ray.
+
+And what was computed is kept.
+"""
 
 from __future__ import annotations
 
@@ -9,14 +12,16 @@ import oracle
 import pytest
 from scenes import run, scene
 
-from thzcl import exposure
-from thzcl.checks import NumbersError
+from thzcl.plan.checks import NumbersError
+from thzcl.plan import exposure
 
 ACTIVE = {"kind": "active", "frequency_ghz": 650.0, "dynamic_range_db": 80.0}
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
-@pytest.mark.parametrize(("sensor", "plane"), [(None, "contrast"), (None, "optical_depth"), (ACTIVE, "returned")])
+@pytest.mark.parametrize(
+    ("sensor", "plane"), [(None, "contrast"), (None, "optical_depth"), (ACTIVE, "returned")]
+)
 def test_a_number_that_is_none_ends_the_run(tmp_path, monkeypatch, value, sensor, plane):
     """Of two bad pixels the first is named, with the direction of its ray as the oracle has it."""
     healthy = exposure.develop
@@ -29,13 +34,21 @@ def test_a_number_that_is_none_ends_the_run(tmp_path, monkeypatch, value, sensor
 
     monkeypatch.setattr(exposure, "develop", spoilt)
     data = scene(numerics={"error_budget": False}, **({"sensor": sensor} if sensor else {}))
-    with pytest.raises(NumbersError, match="2 pixels are not finite numbers; the first is row 7, column 3") as caught:
+    with pytest.raises(
+        NumbersError, match="2 pixels are not finite numbers; the first is row 7, column 3"
+    ) as caught:
         run(tmp_path, data)
     camera = data["camera"]
     lens = oracle.Camera(
-        camera["position_m"], camera["look_at_m"], camera["focal_length_mm"], camera["focal_plane_mm"], camera["pixels"]
+        camera["position_m"],
+        camera["look_at_m"],
+        camera["focal_length_mm"],
+        camera["focal_plane_mm"],
+        camera["pixels"],
     )
-    told = np.array([float(number) for number in str(caught.value).split("along (")[1].split(")")[0].split(",")])
+    told = np.array(
+        [float(number) for number in str(caught.value).split("along (")[1].split(")")[0].split(",")]
+    )
     assert told / np.linalg.norm(told) == pytest.approx(lens.ray(7, 3), abs=1e-5)
     kept = caught.value.result
     assert kept.variants[0].image is None

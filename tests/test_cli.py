@@ -33,8 +33,10 @@ STAGES = [
 
 
 def test_help_imports_nothing_heavy():
-    code = "import sys; from thzcl.entry import entry; entry(['--help']); print({'numpy', 'pyopencl'} & set(sys.modules))"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=ROOT, check=True)
+    code = "import sys; from thzcl.commands.entry import entry; entry(['--help']); print({'numpy', 'pyopencl'} & set(sys.modules))"
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, cwd=ROOT, check=True
+    )
     assert done.stdout.strip().endswith("set()")
     for command in (
         "run",
@@ -58,7 +60,17 @@ def test_run_writes_what_it_says(thzcl_json, tmp_path):
     assert found["files"] == ["quick.nc", "quick.png"]
     assert {path.name for path in tmp_path.iterdir()} == {"quick.nc", "quick.png"}
     assert (tmp_path / "quick.png").read_bytes().startswith(b"\x89PNG")
-    assert set(found) >= {"scenario", "files", "device", "seed", "seconds", "left_out", "warnings", "error_budget", "variants"}
+    assert set(found) >= {
+        "scenario",
+        "files",
+        "device",
+        "seed",
+        "seconds",
+        "left_out",
+        "warnings",
+        "error_budget",
+        "variants",
+    }
     assert {item["stage"] for item in found["left_out"]} < set(STAGES)
     assert set(found["variants"][0]["targets"]["box"]) == {
         "pixels", "mean_contrast_k", "std_k", "optical_depth", "transmission",
@@ -77,7 +89,9 @@ def test_run_in_text_has_units_and_no_progress_in_a_pipe(thzcl_command):
 
 
 def test_set_and_variant_reach_the_run(thzcl_json):
-    found = thzcl_json("run", "figure6", "--variant", "(b) 268 K", "--set", "camera.pixels=[8,8]", "--no-figure")
+    found = thzcl_json(
+        "run", "figure6", "--variant", "(b) 268 K", "--set", "camera.pixels=[8,8]", "--no-figure"
+    )
     assert [variant["name"] for variant in found["variants"]] == ["(b) 268 K"]
     assert sum(target["pixels"] for target in found["variants"][0]["targets"].values()) == 64
 
@@ -85,27 +99,44 @@ def test_set_and_variant_reach_the_run(thzcl_json):
 def test_a_result_runs_again(thzcl_command, tmp_path):
     import h5netcdf
 
-    assert thzcl_command("run", "quick", "--no-figure", "--set", "camera.pixels=[20,10]").returncode == 0
+    assert (
+        thzcl_command("run", "quick", "--no-figure", "--set", "camera.pixels=[20,10]").returncode
+        == 0
+    )
     assert thzcl_command("run", "quick.nc", "--no-figure", "-o", "again").returncode == 0
-    with h5netcdf.File(tmp_path / "quick.nc") as one, h5netcdf.File(tmp_path / "again" / "quick.nc") as other:
+    with (
+        h5netcdf.File(tmp_path / "quick.nc") as one,
+        h5netcdf.File(tmp_path / "again" / "quick.nc") as other,
+    ):
         assert one["image"].shape == (1, 10, 20)
         assert (one["image"][...] == other["image"][...]).all()
         assert one.attrs["scenario_toml"] == other.attrs["scenario_toml"]
 
 
 def test_plan_tells_what_is_needed_and_computes_nothing(thzcl_json, tmp_path):
-    found = thzcl_json("plan", "figure6", env={"OCL_ICD_VENDORS": str(tmp_path / "nowhere")})  # no device is in reach
+    found = thzcl_json(
+        "plan", "figure6", env={"OCL_ICD_VENDORS": str(tmp_path / "nowhere")}
+    )  # no device is in reach
     assert [stage["name"] for stage in found["stages"]] == STAGES
     assert all(stage["reason"] for stage in found["stages"])
     needed = {stage["name"] for stage in found["stages"] if stage["needed"]}
     assert needed == {"surrogate", "humidity-field", "trace", "ground", "boxes", "figure"}
     assert found["frequencies_ghz"] == [650.0]
     assert set(found) >= {"memory_bytes", "voxel_segments", "moments", "surrogate_error"}
-    uniform = {stage["name"] for stage in thzcl_json("plan", "uniform")["stages"] if stage["needed"]}
+    uniform = {
+        stage["name"] for stage in thzcl_json("plan", "uniform")["stages"] if stage["needed"]
+    }
     assert uniform == {"surrogate", "ground", "boxes", "figure"}
 
 
-SMALL = ("--repeat", "1", "--set", "camera.pixels=[32,32]", "--set", "atmosphere.fluctuations.grid=32")
+SMALL = (
+    "--repeat",
+    "1",
+    "--set",
+    "camera.pixels=[32,32]",
+    "--set",
+    "atmosphere.fluctuations.grid=32",
+)
 
 
 def test_bench_measures_every_stage(thzcl_json, tmp_path):
@@ -125,11 +156,17 @@ def test_bench_measures_every_stage(thzcl_json, tmp_path):
     for name, unit in units.items():
         rate = stages[name][f"{unit}_per_second"]
         assert rate == pytest.approx(stages[name][unit] / stages[name]["seconds"])
-    assert (stages["field"]["voxels"], stages["surfaces"]["rays"], stages["image"]["images"]) == (32**3, 32**2, 6)
+    assert (stages["field"]["voxels"], stages["surfaces"]["rays"], stages["image"]["images"]) == (
+        32**3,
+        32**2,
+        6,
+    )
     assert stages["shading"]["pixel_frequencies"] == 6 * 32**2
     roofline = {row["name"]: row for row in found["roofline"]}
     assert set(roofline) == {"memory-bandwidth", "gather-coherent", "gather-random"}
-    share = stages["trace"]["segments_per_second"] / roofline["gather-coherent"]["voxels_per_second"]
+    share = (
+        stages["trace"]["segments_per_second"] / roofline["gather-coherent"]["voxels_per_second"]
+    )
     assert stages["trace"]["share"] == pytest.approx(share)
     assert list(tmp_path.iterdir()) == []
 
@@ -155,7 +192,9 @@ def test_bench_where_emission_is_carried_along_the_path(thzcl_json):
 def test_an_interrupted_bench_exits_130(tmp_path):
     command = [sys.executable, "-m", "thzcl", "bench", "--repeat", "10000"]
     environment = os.environ | {"PYTHONPATH": str(ROOT)}
-    with subprocess.Popen(command, env=environment, cwd=tmp_path, stderr=subprocess.PIPE, text=True) as process:
+    with subprocess.Popen(
+        command, env=environment, cwd=tmp_path, stderr=subprocess.PIPE, text=True
+    ) as process:
         time.sleep(4)  # until it is at work; it would go on for an hour
         process.send_signal(signal.SIGINT)
         _, errors = process.communicate(timeout=120)
@@ -166,48 +205,93 @@ def test_an_interrupted_bench_exits_130(tmp_path):
 def test_bench_as_table_and_csv(thzcl_command):
     done = thzcl_command("bench", *SMALL, "--variant", "284 K")
     assert (done.returncode, done.stderr) == (0, "")
-    assert "segments/s" in done.stdout and "time / ms" in done.stdout and "% of gather-coherent" in done.stdout
-    rows = list(csv.DictReader(io.StringIO(thzcl_command("bench", *SMALL, "--format", "csv").stdout)))
-    assert {row["unit"] for row in rows if row["name"] in ("trace", "field")} == {"segments/s", "voxels/s"}
+    assert (
+        "segments/s" in done.stdout
+        and "time / ms" in done.stdout
+        and "% of gather-coherent" in done.stdout
+    )
+    rows = list(
+        csv.DictReader(io.StringIO(thzcl_command("bench", *SMALL, "--format", "csv").stdout))
+    )
+    assert {row["unit"] for row in rows if row["name"] in ("trace", "field")} == {
+        "segments/s",
+        "voxels/s",
+    }
 
 
 def test_check(thzcl_command, tmp_path):
     assert "sound, 6 images" in thzcl_command("check", "figure6").stdout
-    done = thzcl_command("check", write(tmp_path, scene(camera__pixels=[0, 0], ground__temperature_k=-1.0)))
+    done = thzcl_command(
+        "check", write(tmp_path, scene(camera__pixels=[0, 0], ground__temperature_k=-1.0))
+    )
     assert done.returncode == 2
     assert len(done.stderr.splitlines()) == 3
     assert "Traceback" not in done.stderr
 
 
 def test_absorption_in_every_form(thzcl_command, thzcl_json, tmp_path):
-    arguments = ("--frequency-ghz", "600:700:50", "--temperature-k", "280,290", "--relative-humidity-percent", "50")
+    arguments = (
+        "--frequency-ghz",
+        "600:700:50",
+        "--temperature-k",
+        "280,290",
+        "--relative-humidity-percent",
+        "50",
+    )
     records = thzcl_json("absorption", *arguments)["records"]
     assert len(records) == 6
-    assert records[0]["total_db_km"] == pytest.approx(records[0]["dry_db_km"] + records[0]["vapour_db_km"])
+    assert records[0]["total_db_km"] == pytest.approx(
+        records[0]["dry_db_km"] + records[0]["vapour_db_km"]
+    )
     assert {r["frequency_ghz"] for r in records} == {600, 650, 700}
-    rows = list(csv.DictReader(io.StringIO(thzcl_command("absorption", *arguments, "--format", "csv").stdout)))
+    rows = list(
+        csv.DictReader(
+            io.StringIO(thzcl_command("absorption", *arguments, "--format", "csv").stdout)
+        )
+    )
     assert [float(row["total_per_m"]) for row in rows] == [r["total_per_m"] for r in records]
     done = thzcl_command("absorption", *arguments, "--figure", "a.png")
     assert "total_db_km" in done.stdout
     assert (tmp_path / "a.png").read_bytes().startswith(b"\x89PNG")
     dry = thzcl_json("absorption", "--frequency-ghz", "600")["records"][0]
-    assert (dry["temperature_k"], dry["pressure_hpa"], dry["vapour_pressure_hpa"]) == (288.15, 1013.25, 0)
+    assert (dry["temperature_k"], dry["pressure_hpa"], dry["vapour_pressure_hpa"]) == (
+        288.15,
+        1013.25,
+        0,
+    )
     assert "stated to 1000 GHz" in thzcl_command("absorption", "--frequency-ghz", "1500").stderr
 
 
 WRONG = {
     "no such scene": (("run", "figur6"), "did you mean figure6"),
     "--set without value": (("run", "quick", "--set", "camera.pixels"), "write table.key=value"),
-    "--set of nothing known": (("plan", "quick", "--set", "camera.pixel=[1,1]"), "did you mean pixels"),
+    "--set of nothing known": (
+        ("plan", "quick", "--set", "camera.pixel=[1,1]"),
+        "did you mean pixels",
+    ),
     "frequency out of range": (("absorption", "--frequency-ghz", "2000"), "up to 1780 GHz"),
     "frequency no number": (("absorption", "--frequency-ghz", "x"), "not a number"),
     "two humidities": (
-        ("absorption", "--frequency-ghz", "600", "--relative-humidity-percent", "1", "--vapour-pressure-hpa", "1"),
+        (
+            "absorption",
+            "--frequency-ghz",
+            "600",
+            "--relative-humidity-percent",
+            "1",
+            "--vapour-pressure-hpa",
+            "1",
+        ),
         "only one humidity",
     ),
     "no run to bench": (("bench", "--repeat", "0"), "--repeat"),
-    "too humid": (("absorption", "--frequency-ghz", "600", "--vapour-pressure-hpa", "2000"), "vapour pressure"),
-    "unknown model": (("absorption", "--frequency-ghz", "600", "--model", "itu"), "unknown absorption model"),
+    "too humid": (
+        ("absorption", "--frequency-ghz", "600", "--vapour-pressure-hpa", "2000"),
+        "vapour pressure",
+    ),
+    "unknown model": (
+        ("absorption", "--frequency-ghz", "600", "--model", "itu"),
+        "unknown absorption model",
+    ),
     "no such sensor": (("sensors", "camera"), "no sensor"),
     "no such command": (("rum",), "No such command"),
     "no such option": (("run", "quick", "--fast"), "No such option"),
@@ -258,7 +342,9 @@ def test_a_full_disk_leaves_nothing_half_written(thzcl_command, tmp_path):
 
 
 def test_an_interrupt_exits_130_and_leaves_nothing(tmp_path):
-    scenario = write(tmp_path, scene(camera__pixels=[4000, 3000], background__max_range_m=2000.0, ground=None))
+    scenario = write(
+        tmp_path, scene(camera__pixels=[4000, 3000], background__max_range_m=2000.0, ground=None)
+    )
     command = [sys.executable, "-m", "thzcl", "run", str(scenario), "-o", str(tmp_path / "out")]
     environment = os.environ | {"PYTHONPATH": str(ROOT)}
     with subprocess.Popen(command, env=environment, stderr=subprocess.PIPE, text=True) as process:
@@ -275,9 +361,18 @@ def test_an_interrupt_exits_130_and_leaves_nothing(tmp_path):
 
 
 def test_a_reader_that_stops_reading_is_no_error(tmp_path):
-    command = f"{sys.executable} -m thzcl absorption --frequency-ghz 1:1000:0.1 --format csv | head -1"
+    command = (
+        f"{sys.executable} -m thzcl absorption --frequency-ghz 1:1000:0.1 --format csv | head -1"
+    )
     environment = os.environ | {"PYTHONPATH": str(ROOT)}
-    done = subprocess.run(["/bin/sh", "-c", command], capture_output=True, text=True, cwd=tmp_path, env=environment, check=True)
+    done = subprocess.run(
+        ["/bin/sh", "-c", command],
+        capture_output=True,
+        text=True,
+        cwd=tmp_path,
+        env=environment,
+        check=True,
+    )
     assert done.stdout.startswith("frequency_ghz,")
     assert done.stderr == ""
 

@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from scenes import scene, write
 
-from thzcl.convergence import Point, study
-from thzcl.convergence.knobs import KNOBS
-from thzcl.convergence.study import default_over_front, front
-from thzcl.convergence.subject import Subject, errors
-from thzcl.device import open_device
+from thzcl.device.opencl import open_device
 from thzcl.scenario import ScenarioError
+from thzcl.studies.convergence import Point, study
+from thzcl.studies.convergence.knobs import KNOBS
+from thzcl.studies.convergence.study import default_over_front, front
+from thzcl.studies.convergence.subject import Subject, errors
 
 BAND = {"kind": "passive-broadband", "center_ghz": 650.0, "bandwidth_ghz": 60.0}
 
@@ -29,8 +29,13 @@ def by_setting(found, knob):
 
 
 def test_errors_fall_as_theory_has_it(tmp_path):
-    """Steps: first order, since voxels have edges; a table: second order; polynomials: below rounding from degree 4 on."""
-    found = studied(tmp_path, scene(camera__pixels=[48, 36]), ["march", "table", "surrogate", "arithmetic"])
+    """Steps: first order, since voxels have edges; a table: second order; polynomials.
+
+    Below rounding from degree 4 on.
+    """
+    found = studied(
+        tmp_path, scene(camera__pixels=[48, 36]), ["march", "table", "surrogate", "arithmetic"]
+    )
     steps = np.array(list(by_setting(found, "march").values())[:6])
     order = np.polyfit(np.log([2, 1, 0.5, 0.25, 0.125, 0.0625]), np.log(steps), 1)[0]
     assert 0.7 < order < 1.6
@@ -45,8 +50,15 @@ def test_errors_fall_as_theory_has_it(tmp_path):
 
 
 def test_all_other_knobs(tmp_path):
-    """Fewer rays, fewer samples, larger voxels and an earlier end cost accuracy; the FFT's library does not."""
-    data = scene(camera__pixels=[48, 36], atmosphere__relative_humidity_percent=100.0, background__max_range_m=400.0)
+    """Fewer rays, fewer samples, larger voxels and an earlier end cost accuracy.
+
+    The FFT's library does not.
+    """
+    data = scene(
+        camera__pixels=[48, 36],
+        atmosphere__relative_humidity_percent=100.0,
+        background__max_range_m=400.0,
+    )
     found = studied(tmp_path, data, ["stride", "samples", "voxel", "cutoff", "fft"])
     strides = by_setting(found, "stride")
     assert strides["every ray"] < 1e-6 < strides["every 2th ray"] < strides["every 8th ray"]
@@ -68,7 +80,11 @@ def test_quadratures(tmp_path):
 
 
 def test_knobs_without_meaning_are_left_out_with_reasons(tmp_path):
-    found = studied(tmp_path, scene(atmosphere__fluctuations=None), ["voxel", "march", "quadrature", "table", "arithmetic"])
+    found = studied(
+        tmp_path,
+        scene(atmosphere__fluctuations=None),
+        ["voxel", "march", "quadrature", "table", "arithmetic"],
+    )
     assert {item["knob"] for item in found["left_out"]} == {"voxel", "march", "quadrature", "table"}
     assert {point["knob"] for point in found["points"]} == {"arithmetic"}
     with pytest.raises(ScenarioError, match="there is no colour; choose among arithmetic"):
@@ -117,8 +133,17 @@ def test_errors_are_of_the_worst_variant():
 
 def test_the_command(thzcl_json, tmp_path):
     file = write(tmp_path, scene(camera__pixels=[8, 6]))
-    found = thzcl_json("convergence", file, "-o", tmp_path, "--knobs", "arithmetic,march", "--repeat", "1")
-    assert set(found["points"][0]) >= {"knob", "setting", "seconds", "error_rms", "error_max", "on_front"}
+    found = thzcl_json(
+        "convergence", file, "-o", tmp_path, "--knobs", "arithmetic,march", "--repeat", "1"
+    )
+    assert set(found["points"][0]) >= {
+        "knob",
+        "setting",
+        "seconds",
+        "error_rms",
+        "error_max",
+        "on_front",
+    }
     assert set(KNOBS) > {point["knob"] for point in found["points"]}
     with (tmp_path / "scene-convergence.csv").open(newline="") as file_:
         assert len(list(csv.DictReader(file_))) == len(found["points"])

@@ -1,4 +1,7 @@
-"""Work counted rather than timed: what a change makes the device do more often shows here, on any machine, without noise."""
+"""Work counted rather than timed: what a change makes the device do more often shows here.
+
+On any machine, without noise.
+"""
 
 from __future__ import annotations
 
@@ -6,11 +9,12 @@ import pytest
 
 from thzcl import pipeline, scenario
 from thzcl.clock import Clock
-from thzcl.compute import recipes
-from thzcl.device import open_device
+from thzcl.device.opencl import open_device
+from thzcl.plan.compute import recipes
 
-# Change these where a scene, a kernel's place in the flow, or what is handed to it changes on purpose, and say why; never
-# because a change that should not have touched them did. They hold for a CPU device, whose work-items carry 8 rays.
+# Change these where a scene, a kernel's place in the flow, or what is handed to it changes on
+# purpose, and say why; never because a change that should not have touched them did. They hold for
+# a CPU device, whose work-items carry 8 rays.
 SEGMENTS = {
     "figure6": 25_713,
     "figure7": 398_200,
@@ -26,7 +30,10 @@ COUNTERS = {"programs": 4, "launches": 12, "bytes_copied": 17_487_640}
 
 @pytest.fixture(scope="module")
 def counted():
-    """Voxel segments and counters of a scene, alone on a device of its own, without the error budget's extra rays."""
+    """Voxel segments and counters of a scene, alone on a device of its own.
+
+    Without the error budget's extra rays.
+    """
 
     def call(name, *pixels):
         settings = {"camera.pixels": list(pixels), "numerics.error_budget": False}
@@ -46,13 +53,19 @@ def test_every_scene_crosses_as_many_voxels_as_ever(counted, name):
 
 
 def test_the_device_is_asked_to_do_as_much_as_ever(counted):
-    """One field, one trace and six shadings: kernels built, launched, and bytes that change hands."""
+    """One field, one trace and six shadings: kernels built, launched.
+
+    And bytes that change hands.
+    """
     assert counted("slide", 64, 64)[1] == COUNTERS
 
 
 @pytest.mark.parametrize("name", list(scenario.shipped()))
 def test_what_will_be_built_is_known_beforehand(name):
-    """So that two processes can share the work of a first run: no program too few, and none too many."""
+    """So that two processes can share the work of a first run: no program too few.
+
+    And none too many.
+    """
     plan = pipeline.prepare(name, {"camera.pixels": [16, 16]})
     foretold, found = open_device(), open_device()
     for recipe in recipes(plan):

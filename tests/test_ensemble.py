@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 from scenes import run, scene, write
 
-from thzcl import overview, pipeline
-from thzcl.ensemble import Running, realization
+from thzcl import pipeline
+from thzcl.plan import report as overview
 from thzcl.scenario import ScenarioError
+from thzcl.studies.ensemble import Running, realization
 
 
 def test_running_statistics_are_numpys():
@@ -22,7 +23,10 @@ def test_running_statistics_are_numpys():
 
 
 def test_an_ensemble_is_its_realisations(tmp_path):
-    """Mean, variance and spread of five images, each also computed alone from the seed of its realisation."""
+    """Mean, variance and spread of five images.
+
+    Each also computed alone from the seed of its realisation.
+    """
     data = scene(numerics={"realizations": 5})
     together = run(tmp_path, data)
     plan = pipeline.prepare(write(tmp_path, data))
@@ -33,7 +37,9 @@ def test_an_ensemble_is_its_realisations(tmp_path):
     images = np.array([one.variants[0].image.values for one in alone])
     image = together.variants[0].image
     assert image.values == pytest.approx(images.mean(axis=0), abs=1e-9)
-    assert image.layers["image_variance"].values == pytest.approx(images.var(axis=0, ddof=1), abs=1e-9)
+    assert image.layers["image_variance"].values == pytest.approx(
+        images.var(axis=0, ddof=1), abs=1e-9
+    )
     assert image.layers["image_spread"].values == pytest.approx(np.ptp(images, axis=0), abs=1e-9)
     assert together.variants[0].radiances.contrast.dtype == np.float32
     assert together.voxel_segments == sum(one.voxel_segments for one in alone)
@@ -50,7 +56,9 @@ def test_an_ensemble_is_saved_and_drawn(tmp_path):
     assert result.figure(tmp_path / "out.png").stat().st_size > 10_000
 
 
-@pytest.mark.parametrize("changes", [{"atmosphere__fluctuations": None}, {"atmosphere__model": "none"}])
+@pytest.mark.parametrize(
+    "changes", [{"atmosphere__fluctuations": None}, {"atmosphere__model": "none"}]
+)
 def test_air_that_does_not_fluctuate_has_no_realisations(tmp_path, changes):
     with pytest.raises(ScenarioError, match="needs air that fluctuates at random"):
         run(tmp_path, scene(numerics={"realizations": 3}, **changes))

@@ -1,4 +1,7 @@
-"""The random cube: against its float64 twin, and in its statistics against what a discrete periodic field should have."""
+"""The random cube: against its float64 twin.
+
+And in its statistics against what a discrete periodic field should have.
+"""
 
 from __future__ import annotations
 
@@ -9,15 +12,18 @@ import numpy as np
 import oracle
 import pytest
 
-from thzcl import field, turbulence
-from thzcl.turbulence import Turbulence
+from thzcl.turbulence.spectra import Turbulence
+from thzcl.turbulence import cube as field
+from thzcl.turbulence import spectra as turbulence
 
 PLAIN = Turbulence(
     grid=64, voxel_m=0.5, seed=7, outer_scale_m=None, sigma=0.2, exact=True, lognormal=False,
     temperature_sigma_k=0.0, temperature_exact=True, correlation=0.0,
 )  # fmt: skip
 SEEDS = 40  # one realisation's variance scatters by 17 %
-OTHER_ARITHMETIC = 1e-5  # of sigma: float32 noise and transform against float64, or another library's
+OTHER_ARITHMETIC = (
+    1e-5  # of sigma: float32 noise and transform against float64, or another library's
+)
 
 
 def psi(constant, outer=None):
@@ -39,13 +45,18 @@ def test_the_field_is_its_twin(device, grid, outer):
 
 
 def test_temperature_and_humidity_come_from_one_transform(device):
-    """Humidity does not change when temperature is asked for, and the correlation is the one asked for."""
+    """Humidity does not change when temperature is asked for.
+
+    And the correlation is the one asked for.
+    """
     both = dataclasses.replace(PLAIN, temperature_sigma_k=1.5, correlation=-0.6)
     made = field.generate(device, both, "float32")
     one, other = oracle.gaussian_fields(64, 0.5, 7, psi(1.0))
     assert made.delta.host() == pytest.approx(one / one.std() * 0.2, abs=0.2 * OTHER_ARITHMETIC)
     mixed = -0.6 * one + 0.8 * other
-    assert made.offset.host() == pytest.approx(mixed / mixed.std() * 1.5, abs=1.5 * OTHER_ARITHMETIC)
+    assert made.offset.host() == pytest.approx(
+        mixed / mixed.std() * 1.5, abs=1.5 * OTHER_ARITHMETIC
+    )
 
 
 @pytest.mark.parametrize("library", ["numpy", "scipy", "reikna"])
@@ -75,7 +86,10 @@ def test_a_given_sigma_is_met_exactly(device):
 
 
 def test_a_given_structure_constant_is_met_on_average(device):
-    """Variance over seeds against 0.2106 C^2 (N dx)^(2/3), the sum of Psi dxi^3 at N = 128; no realisation is rescaled."""
+    """Variance over seeds against 0.2106 C^2 (N dx)^(2/3), the sum of Psi dxi^3 at N = 128.
+
+    No realisation is rescaled.
+    """
     unit = turbulence.variance(128, 0.5, None)
     assert unit == pytest.approx(0.2106 * 64 ** (2 / 3), rel=1e-3)
     unit = turbulence.variance(64, 0.5, None)
@@ -107,18 +121,28 @@ def test_structure_function_and_slope_of_the_discrete_field(device):
         f = cube(device, grid=128, exact=False, sigma=0.05, seed=seed)
         constant = 0.05**2 / unit
         for axis in range(3):
-            ratios.append([np.mean((np.roll(f, r, axis) - f) ** 2) / (constant * (0.5 * r) ** (2 / 3)) for r in expected])
+            ratios.append(
+                [
+                    np.mean((np.roll(f, r, axis) - f) ** 2) / (constant * (0.5 * r) ** (2 / 3))
+                    for r in expected
+                ]
+            )
             lines = np.moveaxis(f, axis, -1)[::4, ::4]
             spectra.append(np.mean(np.abs(np.fft.rfft(lines)) ** 2, axis=(0, 1)))
     mean, error = np.mean(ratios, axis=0), np.std(ratios, axis=0) / math.sqrt(30)
-    assert np.all(np.abs(mean - list(expected.values())) < 3 * error + 0.005)  # the table's own rounding
+    assert np.all(
+        np.abs(mean - list(expected.values())) < 3 * error + 0.005
+    )  # the table's own rounding
     modes = np.arange(2, 21)
     slope = np.polyfit(np.log(modes), np.log(np.mean(spectra, axis=0)[modes]), 1)[0]
     assert slope == pytest.approx(-1.715, abs=0.02)
 
 
 def test_humidity_stays_positive(device):
-    """Clipped Gaussian at low sigma; lognormal from 30 % on, which keeps mean and variance of the ensemble."""
+    """Clipped Gaussian at low sigma; lognormal from 30 % on.
+
+    Which keeps mean and variance of the ensemble.
+    """
     assert cube(device, sigma=0.5).min() >= -1
     means, squares = [], []
     for seed in range(3 * SEEDS):
@@ -131,7 +155,10 @@ def test_humidity_stays_positive(device):
 
 
 def test_a_lognormal_of_given_sigma(device):
-    """Rescaled on the Gaussian: the logarithm's sigma is exact in every realisation, humidity's own to a few per cent."""
+    """Rescaled on the Gaussian: the logarithm's sigma is exact in every realisation.
+
+    Humidity's own to a few per cent.
+    """
     logs = math.sqrt(math.log1p(1.0))
     found = []
     for seed in range(SEEDS):
@@ -163,6 +190,9 @@ def test_vapour_is_limited_counted_and_reported(device):
 
 def test_spans_are_those_of_the_cube(device):
     made = field.generate(device, dataclasses.replace(PLAIN, temperature_sigma_k=2.0), "float64")
-    for values, span in ((made.delta.host(), made.humidity_span), (made.offset.host(), made.temperature_span)):
+    for values, span in (
+        (made.delta.host(), made.humidity_span),
+        (made.offset.host(), made.temperature_span),
+    ):
         assert values.dtype == np.float64
         assert (values.min(), values.max()) == span

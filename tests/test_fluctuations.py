@@ -1,4 +1,7 @@
-"""A hygrometer's record, analysed: against SciPy and plain sums, and against records of known structure constant."""
+"""A hygrometer's record, analysed: against SciPy and plain sums.
+
+And against records of known structure constant.
+"""
 
 from __future__ import annotations
 
@@ -13,9 +16,9 @@ import scipy.optimize
 import scipy.signal
 from hygrometer import RECORD, synthetic
 
-from thzcl.fluctuations import analysis, record
-from thzcl.fluctuations.columns import RecordError
-from thzcl.fluctuations.study import study
+from thzcl.records import analysis, record
+from thzcl.records.columns import RecordError
+from thzcl.records.study import study
 
 KEYS = (
     "samples", "rate_hz", "duration_s", "gaps", "spikes", "wind_speed_m_s", "mean_g_m3", "sigma_g_m3", "sigma_percent", "slope",
@@ -23,7 +26,9 @@ KEYS = (
     "structure_constant_t", "correlation_tq", "integral_scale_m", "outer_scale_m",
 )  # fmt: skip
 DESPIKED = 2e-3  # relative: four samples of 18000 are spikes, and left out
-BINNED = 0.03  # relative: the likelihood of each value against that of bins, which the range's ends cut
+BINNED = (
+    0.03  # relative: the likelihood of each value against that of bins, which the range's ends cut
+)
 DETECTED = 0.9  # of the spikes, which are 3 g/m3 and more
 
 
@@ -44,9 +49,13 @@ def test_moments_and_wind_of_the_shipped_record(shipped, plain):
     assert (shipped["rate_hz"], shipped["duration_s"], shipped["gaps"]) == (20.0, 900.0, 0)
     assert shipped["mean_g_m3"] == pytest.approx(plain["h2o"].mean(), rel=DESPIKED)
     assert shipped["sigma_g_m3"] == pytest.approx(plain["h2o"].std(), rel=DESPIKED)
-    assert shipped["sigma_percent"] == pytest.approx(100 * plain["h2o"].std() / plain["h2o"].mean(), rel=DESPIKED)
+    assert shipped["sigma_percent"] == pytest.approx(
+        100 * plain["h2o"].std() / plain["h2o"].mean(), rel=DESPIKED
+    )
     # The magnitude of the mean vector; here the mean of the magnitudes is 40 % more.
-    assert shipped["wind_speed_m_s"] == pytest.approx(math.hypot(*(plain[axis].mean() for axis in "xyz")), rel=DESPIKED)
+    assert shipped["wind_speed_m_s"] == pytest.approx(
+        math.hypot(*(plain[axis].mean() for axis in "xyz")), rel=DESPIKED
+    )
     assert shipped["pressure_hpa"] == pytest.approx(10 * plain["kPa"].mean(), rel=1e-9)
 
 
@@ -86,7 +95,9 @@ def test_spectrum_of_the_shipped_record(shipped, plain):
 
 def test_structure_function_of_the_shipped_record(shipped, plain):
     signal = scipy.signal.detrend(plain["h2o"])
-    low, high = (round(r * 20 / shipped["wind_speed_m_s"]) for r in shipped["structure_function_range_m"])
+    low, high = (
+        round(r * 20 / shipped["wind_speed_m_s"]) for r in shipped["structure_function_range_m"]
+    )
     lags = np.unique(np.geomspace(low, high, 12).astype(int))
     separation = lags * shipped["wind_speed_m_s"] / 20
     structure = np.array([np.mean((signal[lag:] - signal[:-lag]) ** 2) for lag in lags])
@@ -94,14 +105,20 @@ def test_structure_function_of_the_shipped_record(shipped, plain):
     assert found == pytest.approx(np.mean(structure / separation ** (2 / 3)), rel=BINNED)
     # In so light a wind the two agree to their scatter, and the report says how well.
     assert found == pytest.approx(shipped["structure_constant_q"], rel=0.15)
-    assert shipped["agreement_percent"] == pytest.approx(100 * (found / shipped["structure_constant_q"] - 1))
+    assert shipped["agreement_percent"] == pytest.approx(
+        100 * (found / shipped["structure_constant_q"] - 1)
+    )
 
 
 def test_temperature_of_the_shipped_record(shipped, plain):
-    vapour_hpa = plain["h2o"] * 461.525 * (plain["Ts"] + 273.15) * 1e-5  # with Ts for T: an error of 0.5 % of 0.5 %
+    vapour_hpa = (
+        plain["h2o"] * 461.525 * (plain["Ts"] + 273.15) * 1e-5
+    )  # with Ts for T: an error of 0.5 % of 0.5 %
     kelvin = (plain["Ts"] + 273.15) / (1 + 0.32 * vapour_hpa / (10 * plain["kPa"]))
     assert shipped["mean_temperature_k"] == pytest.approx(kelvin.mean(), rel=1e-4)
-    assert shipped["structure_constant_t"] == pytest.approx(independent(shipped, kelvin)[0], rel=BINNED)
+    assert shipped["structure_constant_t"] == pytest.approx(
+        independent(shipped, kelvin)[0], rel=BINNED
+    )
     q, t = (scipy.signal.detrend(signal) for signal in (plain["h2o"], kelvin))
     assert shipped["correlation_tq"] == pytest.approx(np.corrcoef(q, t)[0, 1], abs=0.01)
 
@@ -111,18 +128,27 @@ def test_integral_scale_of_the_shipped_record(shipped, plain):
     covariance = scipy.signal.correlate(signal, signal)[len(signal) - 1 :]
     zero = np.argmax(covariance < 0)
     steps = covariance[:zero].sum() / covariance[0] - 0.5
-    assert shipped["integral_scale_m"] == pytest.approx(steps * shipped["wind_speed_m_s"] / 20, rel=0.02)
+    assert shipped["integral_scale_m"] == pytest.approx(
+        steps * shipped["wind_speed_m_s"] / 20, rel=0.02
+    )
 
 
 def test_the_command_prints_what_was_found(thzcl_command, thzcl_json):
     found = thzcl_json("fluctuations", RECORD)
     assert set(KEYS) <= found.keys()
     done = thzcl_command("fluctuations", RECORD)
-    assert done.returncode == 0 and "C_q^2" in done.stdout and "Taylor's hypothesis is doubtful" in done.stdout
+    assert (
+        done.returncode == 0
+        and "C_q^2" in done.stdout
+        and "Taylor's hypothesis is doubtful" in done.stdout
+    )
 
 
 def test_known_structure_constants_are_recovered(tmp_path):
-    """With noise, 1 % gaps and 0.1 % spikes: within 20 % for each seed, within 5 % in their mean; by both ways alike."""
+    """With noise, 1 % gaps and 0.1 % spikes: within 20 % for each seed, within 5 % in their mean.
+
+    By both ways alike.
+    """
     found = []
     for seed in range(20):
         path, missing, spiky = synthetic(tmp_path / f"{seed}.csv", seed)
@@ -131,7 +157,9 @@ def test_known_structure_constants_are_recovered(tmp_path):
         assert DETECTED * len(spiky) <= one["spikes_by_column"]["h2o_g_m3"] <= len(spiky) + 2
         assert abs(one["slope"] + 5 / 3) < 3.5 * one["slope_uncertainty"]
         assert 50 < one["outer_scale_m"] < 200
-        found.append([one["structure_constant_q"], one["structure_constant_q_from_structure_function"]])
+        found.append(
+            [one["structure_constant_q"], one["structure_constant_q_from_structure_function"]]
+        )
     ratio = np.array(found) / 0.2
     assert np.abs(ratio - 1).max() < 0.2
     assert np.abs(ratio.mean(axis=0) - 1).max() < 0.07
@@ -139,10 +167,14 @@ def test_known_structure_constants_are_recovered(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "hard", [{"noise": 0.2}, {"outer_m": 30.0, "wind": 10.0}, {"outer_m": 30.0, "noise": 0.1, "wind": 5.0}]
+    "hard",
+    [{"noise": 0.2}, {"outer_m": 30.0, "wind": 10.0}, {"outer_m": 30.0, "noise": 0.1, "wind": 5.0}],
 )
 def test_neither_noise_nor_a_short_outer_scale_biases_them(tmp_path, hard):
-    """Noise of 10 % of sigma and more hides where the spectrum bends; in a strong wind the bend lies near the range."""
+    """Noise of 10 % of sigma and more hides where the spectrum bends.
+
+    In a strong wind the bend lies near the range.
+    """
     found = [study([synthetic(tmp_path / "a.csv", seed, **hard)[0]]) for seed in range(20)]
     ratio = np.array([one["structure_constant_q"] for one in found]) / 0.2
     assert np.abs(ratio - 1).max() < 0.2
@@ -167,7 +199,10 @@ def test_files_of_one_station_join(tmp_path, shipped):
 
 
 def test_repeats_disorder_and_units(tmp_path):
-    """Repeated and swapped rows are counted and mended; mmol/m3 and columns named by hand give what g/m3 give."""
+    """Repeated and swapped rows are counted and mended.
+
+    Mmol/m3 and columns named by hand give what g/m3 give.
+    """
     path, _, _ = synthetic(tmp_path / "plain.csv", 1, gaps=0, spikes=0)
     lines = path.read_text().splitlines()
     rows = lines[1:]
@@ -182,7 +217,9 @@ def test_repeats_disorder_and_units(tmp_path):
     named = {"secs": time, "rho": grams / 0.01801528, "east": x, "north": y}
     other = hygrometer.write_csv(tmp_path / "named.csv", named)
     molar = study([other], "time=secs,h2o=rho:mmol/m3,Ux=east,Uy=north")
-    assert molar["structure_constant_q"] == pytest.approx(reference["structure_constant_q"], rel=1e-4)
+    assert molar["structure_constant_q"] == pytest.approx(
+        reference["structure_constant_q"], rel=1e-4
+    )
 
 
 def test_a_licor_archive(tmp_path, shipped):
@@ -192,7 +229,16 @@ def test_a_licor_archive(tmp_path, shipped):
     text = [f"Model:\tLI-7500A\nSN:\t75H-1\n{names}\tPressure (kPa)\n"]
     for at, (x, y, z, grams, celsius, kilopascal) in enumerate(plain):
         seconds, ticks = divmod(at, 20)
-        values = (1339000000 + seconds, ticks * 50_000_000, round(grams / 0.01801528, 6), x, y, z, celsius, kilopascal)
+        values = (
+            1339000000 + seconds,
+            ticks * 50_000_000,
+            round(grams / 0.01801528, 6),
+            x,
+            y,
+            z,
+            celsius,
+            kilopascal,
+        )
         text.append("\t".join(map(str, ("DATA", *values))) + "\n")
     with zipfile.ZipFile(tmp_path / "a.ghg", "w") as archive:
         archive.writestr("a.data", "".join(text))
@@ -207,10 +253,14 @@ def test_a_trend_is_in_sigma_and_not_in_the_structure_constant(tmp_path):
     columns = np.loadtxt(path, delimiter=",", skiprows=1).T
     columns[1] += np.linspace(-2, 2, columns.shape[1])
     names = ("time_s", "h2o_g_m3", "Ux_m_s", "Uy_m_s")
-    drifting = study([hygrometer.write_csv(tmp_path / "b.csv", dict(zip(names, columns, strict=True)))])
+    drifting = study(
+        [hygrometer.write_csv(tmp_path / "b.csv", dict(zip(names, columns, strict=True)))]
+    )
     steady = study([path])
     assert drifting["sigma_g_m3"] > 1.2 * steady["sigma_g_m3"]
-    assert drifting["structure_constant_q"] == pytest.approx(steady["structure_constant_q"], rel=1e-3)
+    assert drifting["structure_constant_q"] == pytest.approx(
+        steady["structure_constant_q"], rel=1e-3
+    )
 
 
 def test_batches_of_an_hour_share_one_spectrum(tmp_path):
@@ -227,8 +277,13 @@ def test_without_temperature_there_is_none(thzcl_json, tmp_path):
 
 
 def test_a_speed_and_flags_for_what_is_missing(tmp_path):
-    """-9999 is a gap, blank lines end a file, units stand in brackets; what a mere speed means is told."""
-    time, grams, x, y = np.loadtxt(synthetic(tmp_path / "a.csv", 2, gaps=0, spikes=0)[0], delimiter=",", skiprows=1).T
+    """-9999 is a gap, blank lines end a file, units stand in brackets.
+
+    What a mere speed means is told.
+    """
+    time, grams, x, y = np.loadtxt(
+        synthetic(tmp_path / "a.csv", 2, gaps=0, spikes=0)[0], delimiter=",", skiprows=1
+    ).T
     grams[100:110] = -9999 * 0.01801528
     named = {"Time (s)": time, "H2O (mmol/m3)": grams / 0.01801528, "wind_speed": np.hypot(x, y)}
     path = hygrometer.write_csv(tmp_path / "b.csv", named)

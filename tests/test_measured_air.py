@@ -7,8 +7,9 @@ import tomli
 from hygrometer import RECORD, synthetic
 from PIL import Image
 
-from thzcl import pipeline, turbulence
-from thzcl.fluctuations.study import study
+from thzcl import pipeline
+from thzcl.records.study import study
+from thzcl.turbulence import spectra as turbulence
 
 
 @pytest.fixture(scope="module")
@@ -31,10 +32,17 @@ def test_the_scene_has_the_measured_air(written):
 
 
 def test_three_pictures_are_drawn(written):
-    """Like the paper's figures 2, 3 and 4; what they show has been looked at, here only that they show something."""
+    """Like the paper's figures 2, 3 and 4; what they show has been looked at.
+
+    Here only that they show something.
+    """
     found, path = written
     names = [f"{RECORD.stem}-{name}.png" for name in ("time", "wind-run", "spectrum")]
-    assert [file.split("/")[-1] for file in found["files"]] == [*names, "measured.toml", "measured-spectrum.csv"]
+    assert [file.split("/")[-1] for file in found["files"]] == [
+        *names,
+        "measured.toml",
+        "measured-spectrum.csv",
+    ]
     for name in names:
         with Image.open(path.parent / name) as picture:
             assert min(picture.size) > 400 and len(picture.convert("L").getcolors()) > 50
@@ -49,7 +57,9 @@ def test_a_record_without_temperature_makes_a_scene_too(tmp_path):
     path, _, _ = synthetic(tmp_path / "a.csv", 0)
     study([path], scene=tmp_path / "scene.toml")
     plan = pipeline.prepare(tmp_path / "scene.toml")
-    assert turbulence.turbulence(plan.variants[0].scene.atmosphere).structure_constants(12.0)[0] == pytest.approx(0.2, rel=0.2)
+    assert turbulence.turbulence(plan.variants[0].scene.atmosphere).structure_constants(12.0)[
+        0
+    ] == pytest.approx(0.2, rel=0.2)
     assert "# not in the record" in (tmp_path / "scene.toml").read_text(encoding="utf-8")
 
 

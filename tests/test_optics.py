@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from scenes import run, scene
 
-from thzcl import optics
-from thzcl.geometry import Raster
+from thzcl.sensing import optics
 from thzcl.sensor import Optics
+from thzcl.surfaces.geometry import Raster
 
 WAVELENGTH = 299792458.0 / 650e9
 
@@ -19,7 +19,12 @@ def star(pixel_rad, pixels, **optics_table):
     """A hot point on a background at air temperature, in air that absorbs nothing."""
     focal = 1000.0
     plane = focal * pixel_rad * pixels
-    point = {"kind": "box", "center_m": [100.0, 0.0, 0.0], "size_m": [1e-3, 2e-4, 2e-4], "temperature_k": 1e6}
+    point = {
+        "kind": "box",
+        "center_m": [100.0, 0.0, 0.0],
+        "size_m": [1e-3, 2e-4, 2e-4],
+        "temperature_k": 1e6,
+    }
     return scene(
         camera={
             "position_m": [0.0, 0.0, 0.0], "look_at_m": [100.0, 0.0, 0.0], "focal_length_mm": focal,
@@ -37,7 +42,11 @@ def test_the_first_zero_of_the_diffraction_pattern(tmp_path):
     """At 1.22 lambda / D, to a per cent, with pixels of 0.05 lambda / D."""
     aperture = 0.3
     resolution = WAVELENGTH / aperture
-    image = run(tmp_path, star(0.05 * resolution, 81, aperture_m=aperture)).variants[0].radiances.contrast[0]
+    image = (
+        run(tmp_path, star(0.05 * resolution, 81, aperture_m=aperture))
+        .variants[0]
+        .radiances.contrast[0]
+    )
     assert np.unravel_index(image.argmax(), image.shape) == (40, 40)
     ring = image[40, 40:] / image[40, 40]
     lowest = 10 + int(np.argmin(ring[10:35]))
@@ -73,30 +82,48 @@ def test_a_uniform_scene_is_unchanged_up_to_its_edges(tmp_path, table):
     )  # fmt: skip
     contrast = run(tmp_path, data).variants[0].radiances.contrast[0]
     assert contrast == pytest.approx(contrast[0, 0], rel=1e-6)
-    bare = run(tmp_path, data | {"sensor": {"kind": "passive-spectral", "frequency_ghz": 650.0}}).variants[0].radiances.contrast
+    bare = (
+        run(tmp_path, data | {"sensor": {"kind": "passive-spectral", "frequency_ghz": 650.0}})
+        .variants[0]
+        .radiances.contrast
+    )
     assert contrast == pytest.approx(bare[0], rel=1e-6)
 
 
 def test_nothing_wraps_around(tmp_path):
     """A hot half of the frame does not reach the far edge of the other half."""
-    wall = {"kind": "box", "center_m": [100.0, 50.0, 0.0], "size_m": [1.0, 100.0, 200.0], "temperature_k": 1000.0}
+    wall = {
+        "kind": "box",
+        "center_m": [100.0, 50.0, 0.0],
+        "size_m": [1.0, 100.0, 200.0],
+        "temperature_k": 1000.0,
+    }
     data = star(1e-3, 64, aperture_m=0.3)
     data["targets"] = {"wall": wall}
     image = run(tmp_path, data).variants[0].radiances.contrast[0]
     hot, cold = image[:, 0].mean(), image[:, -1].mean()
-    # y is positive to the left, looking along +x. Of the far tail of the pattern some thousandths arrive, not a half.
+    # y is positive to the left, looking along +x. Of the far tail of the pattern some thousandths
+    # arrive, not a half.
     assert hot > 0
     assert abs(cold / hot) < 0.01
 
 
 def test_light_is_conserved_and_pixels_average(tmp_path):
-    """The sum over pixels of a point's image is what its rays bring, whatever the pixels; rays stand lambda / 2D apart."""
+    """The sum over pixels of a point's image is what its rays bring, whatever the pixels.
+
+    Rays stand lambda / 2D apart.
+    """
     resolution = WAVELENGTH / 0.3
     brought = []
-    # An odd number of rays to a pixel has one on the axis, and 5 x 5 on the star; an even number has 6 x 6.
+    # An odd number of rays to a pixel has one on the axis, and 5 x 5 on the star; an even number
+    # has 6 x 6.
     for pixel, rays in ((0.5, 25), (1.0, 36), (2.5, 25)):
         data = star(pixel * resolution, 81, aperture_m=0.3)
-        data["targets"]["star"]["size_m"] = [1e-3, 5.2 * resolution / 2 * 100, 5.2 * resolution / 2 * 100]
+        data["targets"]["star"]["size_m"] = [
+            1e-3,
+            5.2 * resolution / 2 * 100,
+            5.2 * resolution / 2 * 100,
+        ]
         image = run(tmp_path, data).variants[0].radiances.contrast[0]
         brought.append(image.sum() * pixel**2 / rays)
     assert brought == pytest.approx([brought[0]] * 3, rel=0.01)
@@ -115,7 +142,9 @@ def test_the_sampling_is_as_fine_as_the_optics_ask():
 
 def test_mtf_of_a_circular_aperture():
     """1 at 0, 0 at the cut-off and beyond, and 0.391 half way."""
-    assert optics.mtf(np.array([0.0, 0.5, 1.0, 2.0])) == pytest.approx([1.0, 0.3910, 0.0, 0.0], abs=1e-4)
+    assert optics.mtf(np.array([0.0, 0.5, 1.0, 2.0])) == pytest.approx(
+        [1.0, 0.3910, 0.0, 0.0], abs=1e-4
+    )
 
 
 def test_optics_are_left_out_unless_asked_for(tmp_path):

@@ -1,4 +1,7 @@
-"""Radiances against closed forms and equation (2), computed by the oracle from the saved field: never from the run's depth."""
+"""Radiances against closed forms and equation (2), computed by the oracle from the saved field.
+
+Never from the run's depth.
+"""
 
 from __future__ import annotations
 
@@ -8,8 +11,8 @@ import pytest
 from scenes import run, scene
 from test_trace import expected
 
-from thzcl import radiometry
-from thzcl.geometry import ROTATIONS
+from thzcl.air import radiometry
+from thzcl.surfaces.geometry import ROTATIONS
 
 OF_CONTRAST = 5e-6  # of the unattenuated contrast: float32 depth and shading
 HZ = 650e9
@@ -41,7 +44,9 @@ def test_contrast_is_attenuated_and_nothing_else(tmp_path, contrast_k, fluctuati
         grams = 0.7 * oracle.saturation_hpa(290.0) * 1e5 / (461.525 * 290.0)
         _, length, target = expected(data, result_with_uniform_cube(result, grams))
         depth = oracle.absorption_per_m(HZ, 290.0, 1013.25, grams) * length
-    surroundings = {"air": oracle.planck(HZ, 290.0), "none": 0.0}.get(environment, oracle.planck(HZ, 100.0))
+    surroundings = {"air": oracle.planck(HZ, 290.0), "none": 0.0}.get(
+        environment, oracle.planck(HZ, 100.0)
+    )
     air = oracle.planck(HZ, 290.0)
     for flag, kelvin, reflectivity in ((1, 290.0 - contrast_k, 0.1), (2, 290.0 + contrast_k, 0.2)):
         own = (1 - reflectivity) * radiometry.planck_difference(HZ, kelvin, 290.0)
@@ -56,14 +61,18 @@ def result_with_uniform_cube(result, grams):
     """So that the oracle's geometry can be asked about a run without a field."""
     import dataclasses
 
-    from thzcl.result import Cube
+    from thzcl.results.result import Cube
 
     return dataclasses.replace(result, cubes=(Cube(np.full((16, 16, 16), grams), None, 0.7),))
 
 
 def test_everything_at_one_temperature_is_a_black_body(tmp_path):
     """Contrast exactly 0, whatever the humidity does."""
-    data = scene(targets__box__temperature_k=290.0, ground__temperature_k=290.0, background__temperature_k=290.0)
+    data = scene(
+        targets__box__temperature_k=290.0,
+        ground__temperature_k=290.0,
+        background__temperature_k=290.0,
+    )
     sight = run(tmp_path, data).variants[0].radiances
     assert np.all(sight.contrast == 0)
     assert sight.brightness_temperature == pytest.approx(290.0, abs=0)
@@ -75,12 +84,18 @@ def test_air_that_absorbs_nothing_shows_the_surfaces(tmp_path):
     sight = result.variants[0].radiances
     assert np.all(sight.optical_depth == 0)
     for flag, kelvin in ((0, 290.0), (1, 285.0), (2, 300.0)):
-        assert sight.brightness_temperature[0][sight.target == flag] == pytest.approx(kelvin, abs=1e-4)
+        assert sight.brightness_temperature[0][sight.target == flag] == pytest.approx(
+            kelvin, abs=1e-4
+        )
     assert {"surrogate", "humidity-field", "trace"} <= {item["stage"] for item in result.left_out}
 
 
 def test_deep_air_is_all_one_sees(tmp_path):
-    data = scene(sensor__frequency_ghz=556.936, atmosphere__relative_humidity_percent=100.0, atmosphere__temperature_k=300.0)
+    data = scene(
+        sensor__frequency_ghz=556.936,
+        atmosphere__relative_humidity_percent=100.0,
+        atmosphere__temperature_k=300.0,
+    )
     sight = run(tmp_path, data).variants[0].radiances
     assert sight.optical_depth.min() > 15
     assert np.abs(sight.brightness_temperature_contrast).max() < 1e-4
@@ -96,7 +111,10 @@ def test_splitting_every_voxel_changes_nothing(tmp_path):
     depths = [
         run(
             tmp_path,
-            scene(atmosphere__fluctuations={"spectrum": "file", "file": f"{name}.nc"}, numerics={"precision": "float64"}),
+            scene(
+                atmosphere__fluctuations={"spectrum": "file", "file": f"{name}.nc"},
+                numerics={"precision": "float64"},
+            ),
         )
         .variants[0]
         .radiances.optical_depth
@@ -106,7 +124,9 @@ def test_splitting_every_voxel_changes_nothing(tmp_path):
 
 
 def test_several_frequencies_are_each_as_alone(tmp_path):
-    together = run(tmp_path, scene(sensor__frequency_ghz=[350.0, 650.0, 850.0])).variants[0].radiances
+    together = (
+        run(tmp_path, scene(sensor__frequency_ghz=[350.0, 650.0, 850.0])).variants[0].radiances
+    )
     for number, ghz in enumerate((350.0, 650.0, 850.0)):
         alone = run(tmp_path, scene(sensor__frequency_ghz=ghz)).variants[0].radiances
         assert together.optical_depth[number] == pytest.approx(alone.optical_depth[0], rel=1e-6)
@@ -116,7 +136,10 @@ def test_several_frequencies_are_each_as_alone(tmp_path):
 @pytest.mark.parametrize("precision", ["float32", "float64"])
 @pytest.mark.parametrize("ghz", [650.0, [350.0, 556.936, 650.0]])
 def test_fluctuating_temperature_emits_along_the_path(tmp_path, precision, ghz):
-    """Equation (2), segment by segment, with exact MPM93 and Planck at each voxel's own humidity and temperature."""
+    """Equation (2), segment by segment.
+
+    With exact MPM93 and Planck at each voxel's own humidity and temperature.
+    """
     data = scene(
         camera__pixels=[6, 5],
         atmosphere__fluctuations__temperature_sigma_k=2.0,
@@ -128,7 +151,10 @@ def test_fluctuating_temperature_emits_along_the_path(tmp_path, precision, ghz):
     result = run(tmp_path, data)
     sight, cube = result.variants[0].radiances, result.cubes[0]
     lens = oracle.Camera(
-        *(data["camera"][k] for k in ("position_m", "look_at_m", "focal_length_mm", "focal_plane_mm", "pixels"))
+        *(
+            data["camera"][k]
+            for k in ("position_m", "look_at_m", "focal_length_mm", "focal_plane_mm", "pixels")
+        )
     )
     origin, rotation = np.array(data["camera"]["position_m"]), ROTATIONS["oblique"]
     for number, hz in enumerate(sight.frequency_hz):
@@ -138,12 +164,15 @@ def test_fluctuating_temperature_emits_along_the_path(tmp_path, precision, ghz):
             grams, metres = oracle.path(cube.absolute_humidity_g_m3.astype(float), *ray)
             kelvin, _ = oracle.path(cube.air_temperature_k, *ray)
             k = oracle.absorption_per_m(hz, kelvin, 1013.25, grams)
-            t, r = {0: (290.0, 0.0), 1: (285.0, 0.1), 2: (300.0, 0.2)}[int(sight.target[row, column])]
+            t, r = {0: (290.0, 0.0), 1: (285.0, 0.1), 2: (300.0, 0.2)}[
+                int(sight.target[row, column])
+            ]
             air = oracle.planck(hz, 290.0)
             surface = (1 - r) * oracle.planck(hz, t) + r * air
             source = np.array([oracle.planck(hz, value) for value in kelvin])
             exact = oracle.transfer(k, metres, source, surface)
-            # Of the largest difference in play; float64's limit is that of the absorption and Planck polynomials.
+            # Of the largest difference in play; float64's limit is that of the absorption and
+            # Planck polynomials.
             scale = np.abs(source - air).max() + abs(surface - air)
             assert sight.contrast[number, row, column] == pytest.approx(
                 exact - air, abs=scale * (3e-6 if precision == "float32" else 1e-9)
@@ -154,7 +183,10 @@ def test_fluctuating_temperature_emits_along_the_path(tmp_path, precision, ghz):
 
 
 def test_figure_6_as_the_paper_describes_it():
-    """Upper edges are dark but in (f), base edges vanish in (c) and are bright from (d) on, bars vanish in (c)."""
+    """Upper edges are dark but in (f), base edges vanish in (c) and are bright from (d) on.
+
+    Bars vanish in (c).
+    """
     from thzcl import pipeline
 
     result = pipeline.run("figure6")
@@ -168,7 +200,12 @@ def test_figure_6_as_the_paper_describes_it():
         kelvin = variant.image.values
         upper = np.mean([kelvin[top[c] + 2, c] - kelvin[top[c] - 2, c] for c in columns])
         # The base of the +x half, which has no bars.
-        lower = np.mean([kelvin[base[c] - 2, c] - kelvin[base[c] + 2, c] for c in columns[len(columns) * 2 // 3 :]])
+        lower = np.mean(
+            [
+                kelvin[base[c] - 2, c] - kelvin[base[c] + 2, c]
+                for c in columns[len(columns) * 2 // 3 :]
+            ]
+        )
         row = kelvin[base[columns[20]] - 12, columns[0] : columns[0] + 100]
         bright[variant.name[1]] = upper, lower, np.abs(np.diff(row)).max()
     for panel in "abcde":

@@ -5,8 +5,9 @@ from __future__ import annotations
 import pytest
 from scenes import run, scene, write
 
-from thzcl import overview, pipeline
-from thzcl.refraction import estimate
+from thzcl import pipeline
+from thzcl.air.refraction import estimate
+from thzcl.plan import report as overview
 
 
 def plan(folder, data):
@@ -26,14 +27,20 @@ def test_six_panels_cost_one_field_and_one_trace():
 
 def test_climates_share_the_field_and_the_trace(tmp_path):
     """Relative fluctuations know no climate, and path moments know neither frequency nor air."""
-    data = scene(variants=variants(a=("atmosphere.temperature_k", 260.0), b=("atmosphere.relative_humidity_percent", 30.0)))
+    data = scene(
+        variants=variants(
+            a=("atmosphere.temperature_k", 260.0), b=("atmosphere.relative_humidity_percent", 30.0)
+        )
+    )
     assert len(plan(tmp_path, data).groups) == 1
     together = run(tmp_path, data)
     for number, (key, value) in enumerate(
         (("atmosphere.temperature_k", 260.0), ("atmosphere.relative_humidity_percent", 30.0))
     ):
         alone = run(tmp_path, scene(), settings={key: value}).variants[0].radiances
-        assert together.variants[number].radiances.optical_depth == pytest.approx(alone.optical_depth, rel=1e-6)
+        assert together.variants[number].radiances.optical_depth == pytest.approx(
+            alone.optical_depth, rel=1e-6
+        )
 
 
 @pytest.mark.parametrize(
@@ -48,7 +55,9 @@ def test_climates_share_the_field_and_the_trace(tmp_path):
     ],
 )
 def test_what_a_change_reaches(tmp_path, key, value, groups):
-    found = plan(tmp_path, scene(variants=variants(a=("targets.box.reflectivity", 0.2), b=(key, value))))
+    found = plan(
+        tmp_path, scene(variants=variants(a=("targets.box.reflectivity", 0.2), b=(key, value)))
+    )
     assert len(found.groups) == groups
 
 
@@ -57,14 +66,19 @@ def test_what_a_change_reaches(tmp_path, key, value, groups):
     [
         {},
         {"camera__look_at_m": [30.0, 8.0, 30.0]},
-        {"atmosphere__fluctuations__temperature_sigma_k": 1.0, "sensor__frequency_ghz": [300.0 + 20 * n for n in range(10)]},
+        {
+            "atmosphere__fluctuations__temperature_sigma_k": 1.0,
+            "sensor__frequency_ghz": [300.0 + 20 * n for n in range(10)],
+        },
         {"sensor__frequency_ghz": 556.936, "ground": None, "targets": {}},
         {"camera__samples_per_pixel": 4},
     ],
 )
 def test_voxels_are_counted_within_ten_per_cent(tmp_path, changes):
     data = scene(camera__pixels=[48, 36], **changes)
-    assert overview.voxel_segments(plan(tmp_path, data)) == pytest.approx(run(tmp_path, data).voxel_segments, rel=0.1)
+    assert overview.voxel_segments(plan(tmp_path, data)) == pytest.approx(
+        run(tmp_path, data).voxel_segments, rel=0.1
+    )
 
 
 def test_what_a_scene_does_not_have_is_not_compiled_in(tmp_path):
@@ -73,7 +87,9 @@ def test_what_a_scene_does_not_have_is_not_compiled_in(tmp_path):
     assert "BOXES" not in options
     assert "CUTOFF" not in options
     assert "emission" not in options
-    full = " ".join(run(tmp_path, scene(atmosphere__fluctuations__temperature_sigma_k=1.0)).build_options)
+    full = " ".join(
+        run(tmp_path, scene(atmosphere__fluctuations__temperature_sigma_k=1.0)).build_options
+    )
     assert "GROUND" in full and "BOXES" in full and "emission" in full
 
 
@@ -105,15 +121,23 @@ def test_variants_stand_in_one_file_or_are_refused(tmp_path):
     from thzcl.scenario import ScenarioError
 
     with pytest.raises(ScenarioError, match="must have the same pixels"):
-        plan(tmp_path, scene(variants=variants(a=("camera.pixels", [8, 8]), b=("camera.pixels", [9, 9]))))
+        plan(
+            tmp_path,
+            scene(variants=variants(a=("camera.pixels", [8, 8]), b=("camera.pixels", [9, 9]))),
+        )
 
 
 def test_refraction_that_is_left_out_is_estimated(tmp_path):
-    """PHYSICS section 6: 0.03 dB go with 7 microradians at 650 GHz and 100 m; both grow with the root of C_n^2."""
+    """PHYSICS section 6: 0.03 dB go with 7 microradians at 650 GHz and 100 m.
+
+    Both grow with the root of C_n^2.
+    """
     found = estimate(1.13e-13, 650e9, 100.0, 0.3)
     assert found.tilt_urad == pytest.approx(7.0, rel=0.02)
     assert found.scintillation_db == pytest.approx(0.03, rel=0.1)
-    assert estimate(4.52e-13, 650e9, 100.0, 0.3).scintillation_db == pytest.approx(2 * found.scintillation_db)
+    assert estimate(4.52e-13, 650e9, 100.0, 0.3).scintillation_db == pytest.approx(
+        2 * found.scintillation_db
+    )
     told = overview.as_json(pipeline.prepare(write(tmp_path, scene())))["refraction_left_out"]
     assert told["path_m"] == pytest.approx(90.0, rel=0.02)
     assert told["scintillation_db"] > 0

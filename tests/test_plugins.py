@@ -16,15 +16,33 @@ from scenes import scene, write
 def installed(tmp_path_factory):
     """The example package, built and installed by pip, as environment for a process."""
     folder = tmp_path_factory.mktemp("site")
-    command = [sys.executable, "-m", "pip", "install", "--quiet", "--no-deps", "--target", str(folder)]
-    subprocess.run([*command, str(ROOT / "tests" / "example_sensor")], check=True, capture_output=True)
+    command = [
+        sys.executable,
+        "-m",
+        "pip",
+        "install",
+        "--quiet",
+        "--no-deps",
+        "--target",
+        str(folder),
+    ]
+    subprocess.run(
+        [*command, str(ROOT / "tests" / "example_sensor")], check=True, capture_output=True
+    )
     return {"PYTHONPATH": f"{ROOT}:{folder}"}
 
 
-def test_an_installed_sensor_is_found_listed_explained_and_used(thzcl_command, thzcl_json, tmp_path, installed):
+def test_an_installed_sensor_is_found_listed_explained_and_used(
+    thzcl_command, thzcl_json, tmp_path, installed
+):
     import h5netcdf
 
-    file = write(tmp_path, scene(sensor={"kind": "dicke", "frequency_ghz": 650.0, "reference_k": 280.0, "noise_k": 0.5}))
+    file = write(
+        tmp_path,
+        scene(
+            sensor={"kind": "dicke", "frequency_ghz": 650.0, "reference_k": 280.0, "noise_k": 0.5}
+        ),
+    )
     found = thzcl_json("run", file, "--no-figure", env=installed)
     assert found["variants"][0]["targets"]["box"]["pixels"] > 0
     with h5netcdf.File(tmp_path / "scene.nc") as result:
@@ -40,7 +58,10 @@ def test_an_installed_sensor_is_found_listed_explained_and_used(thzcl_command, t
 
 
 def test_its_parameters_are_checked_like_any(thzcl_command, tmp_path, installed):
-    file = write(tmp_path, scene(sensor={"kind": "dicke", "frequency_ghz": 650.0, "reference_k": -1.0, "nose_k": 1.0}))
+    file = write(
+        tmp_path,
+        scene(sensor={"kind": "dicke", "frequency_ghz": 650.0, "reference_k": -1.0, "nose_k": 1.0}),
+    )
     done = thzcl_command("check", file, env=installed)
     assert done.returncode == 2
     assert "[sensor] reference_k: must be above 0 K, not -1" in done.stderr
@@ -58,8 +79,12 @@ def plugin(folder, body, name="odd", module="odd_module", distribution="odd-sens
     (folder / f"{module}.py").write_text(body, encoding="utf-8")
     info = folder / f"{distribution.replace('-', '_')}-1.0.dist-info"
     info.mkdir()
-    (info / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {distribution}\nVersion: 1.0\n", encoding="utf-8")
-    (info / "entry_points.txt").write_text(f"[thzcl.sensors]\n{name} = {module}\n", encoding="utf-8")
+    (info / "METADATA").write_text(
+        f"Metadata-Version: 2.1\nName: {distribution}\nVersion: 1.0\n", encoding="utf-8"
+    )
+    (info / "entry_points.txt").write_text(
+        f"[thzcl.sensors]\n{name} = {module}\n", encoding="utf-8"
+    )
     return {"PYTHONPATH": f"{ROOT}:{folder}"}
 
 
@@ -84,11 +109,20 @@ BROKEN = {
         "written for version 2 of the sensor contract, this thzcl has",
     ),
     "no version": (GOOD.replace("contract = 1", ""), "written for version None"),
-    "misspelt hook": (GOOD.replace("def register_sensors", "def register_sensor"), "unknown hook 'register_sensor'"),
+    "misspelt hook": (
+        GOOD.replace("def register_sensors", "def register_sensor"),
+        "unknown hook 'register_sensor'",
+    ),
     "no such name": (GOOD.replace('name = "odd"', 'name = "even"'), 'offers no sensor named "odd"'),
     "no observe": (GOOD.replace("def observe", "def obsrve"), "does not define observe()"),
-    "no Params": (GOOD.replace("class Params(Parameters)", "class Parms(Parameters)"), "its Params is not"),
-    "no Sensor": (GOOD.replace("class Odd(Sensor)", "class Odd"), "is not a subclass of thzcl.sensor.Sensor"),
+    "no Params": (
+        GOOD.replace("class Params(Parameters)", "class Parms(Parameters)"),
+        "its Params is not",
+    ),
+    "no Sensor": (
+        GOOD.replace("class Odd(Sensor)", "class Odd"),
+        "is not a subclass of thzcl.sensor.Sensor",
+    ),
 }
 
 
@@ -99,7 +133,9 @@ def test_a_broken_plugin_is_named_and_breaks_no_other_scene(thzcl_command, tmp_p
     file = write(tmp_path, scene(sensor={"kind": "odd"}))
     done = thzcl_command("check", file, env=environment)
     assert done.returncode == 2
-    assert expected in done.stderr and "odd-sensors" in done.stderr and "Traceback" not in done.stderr
+    assert (
+        expected in done.stderr and "odd-sensors" in done.stderr and "Traceback" not in done.stderr
+    )
     assert thzcl_command("check", "quick", env=environment).returncode == 0
     assert "BROKEN" in thzcl_command("sensors", env=environment).stdout
     assert thzcl_command("schema", env=environment).returncode == 0
@@ -116,15 +152,23 @@ def test_a_name_claimed_twice_is_reported(thzcl_command, tmp_path):
     assert "claimed by odd-sensors and odd-too" in done.stderr
     built_in = tmp_path / "more"
     built_in.mkdir()
-    stolen = plugin(built_in, GOOD.replace('"odd"', '"active"'), name="active", distribution="thief")
+    stolen = plugin(
+        built_in, GOOD.replace('"odd"', '"active"'), name="active", distribution="thief"
+    )
     doctor = thzcl_command("doctor", env=stolen)
     assert "claimed by thzcl and thief" in doctor.stdout
 
 
 FAILS = {
     "raises": ("raise ZeroDivisionError('of course')", "ZeroDivisionError: of course"),
-    "wrong shape": ("return Image(np.zeros((2, 2)), 'K', 'x')", "returned image of shape (2, 2); the image has (12, 16)"),
-    "not a number": ("return Image(np.full(sight.target.shape, np.nan), 'K', 'x')", "values that are not finite"),
+    "wrong shape": (
+        "return Image(np.zeros((2, 2)), 'K', 'x')",
+        "returned image of shape (2, 2); the image has (12, 16)",
+    ),
+    "not a number": (
+        "return Image(np.full(sight.target.shape, np.nan), 'K', 'x')",
+        "values that are not finite",
+    ),
     "wrong type": ("return 3", "returned int instead of an Image"),
     "text": ("return Image(np.full(sight.target.shape, 'a'), 'K', 'x')", "not numbers"),
 }
@@ -151,7 +195,11 @@ NEEDS = {
     "wrong type": ("return None", 4, "returned NoneType instead of Needs"),
     "no frequency": ("return Needs(frequency_hz=[])", 4, "not a list of ascending numbers"),
     "too high": ("return Needs(frequency_hz=[2e12])", 2, "MPM93 ends at 1780 GHz"),
-    "weights": ("return Needs(frequency_hz=[650e9], weights=[[1, 2]])", 4, "weights of another length"),
+    "weights": (
+        "return Needs(frequency_hz=[650e9], weights=[[1, 2]])",
+        4,
+        "weights of another length",
+    ),
 }
 
 
@@ -168,16 +216,39 @@ def test_needs_are_checked_before_anything_is_computed(thzcl_command, tmp_path, 
 def test_a_new_sensor_installs_and_runs_as_it_is(thzcl_command, tmp_path):
     assert thzcl_command("new-sensor", "my-camera").returncode == 0
     folder = tmp_path / "site"
-    command = [sys.executable, "-m", "pip", "install", "--quiet", "--no-deps", "--target", str(folder), "./my-camera"]
+    command = [
+        sys.executable,
+        "-m",
+        "pip",
+        "install",
+        "--quiet",
+        "--no-deps",
+        "--target",
+        str(folder),
+        "./my-camera",
+    ]
     subprocess.run(command, check=True, capture_output=True, cwd=tmp_path)
     environment = {"PYTHONPATH": f"{ROOT}:{folder}"}
-    done = thzcl_command("run", "my-camera/scene.toml", "--no-figure", "--format", "json", env=environment)
+    done = thzcl_command(
+        "run", "my-camera/scene.toml", "--no-figure", "--format", "json", env=environment
+    )
     assert done.returncode == 0, done.stderr
     assert json.loads(done.stdout)["variants"]
     tests = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "my-camera"]
-    done = subprocess.run(tests, cwd=tmp_path, env=os.environ | environment, capture_output=True, text=True, check=False)
+    done = subprocess.run(
+        tests,
+        cwd=tmp_path,
+        env=os.environ | environment,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
     assert done.returncode == 0, done.stdout
-    for name, expected in (("my-camera", "exists already"), ("active", "is a sensor of thzcl"), ("My Camera", "small letters")):
+    for name, expected in (
+        ("my-camera", "exists already"),
+        ("active", "is a sensor of thzcl"),
+        ("My Camera", "small letters"),
+    ):
         done = thzcl_command("new-sensor", name)
         assert done.returncode == 2 and expected in done.stderr
 
@@ -187,5 +258,7 @@ def test_only_the_chosen_sensor_is_imported():
         "import sys; from thzcl import pipeline; pipeline.prepare('quick');"
         "print([m for m in sys.modules if m.startswith('thzcl.sensors.')])"
     )
-    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True
+    )
     assert done.stdout.strip() == "['thzcl.sensors.passive_spectral']"

@@ -13,12 +13,16 @@ from hypothesis import strategies as st
 from scenes import run, scene
 
 SOME = settings(derandomize=True, deadline=None, max_examples=12, database=None)
-FLOAT32 = 2e-6  # of the largest value: some hundred voxels' roundings, in depth and in its exponential
+FLOAT32 = (
+    2e-6  # of the largest value: some hundred voxels' roundings, in depth and in its exponential
+)
 
 SCENES = st.fixed_dictionaries(
     {
         "camera__pixels": st.just([7, 5]),
-        "camera__position_m": st.tuples(st.floats(-20, 20), st.floats(-20, 20), st.floats(2.5, 12)).map(list),
+        "camera__position_m": st.tuples(
+            st.floats(-20, 20), st.floats(-20, 20), st.floats(2.5, 12)
+        ).map(list),
         "atmosphere__temperature_k": st.floats(230, 320),
         "atmosphere__relative_humidity_percent": st.floats(0, 100),
         "atmosphere__fluctuations": st.fixed_dictionaries(
@@ -43,7 +47,11 @@ SCENES = st.fixed_dictionaries(
 def seen(changes, **options):
     """The sight of a scene; the box is raised out of the way of cameras that would stand in it."""
     with tempfile.TemporaryDirectory() as folder:
-        return run(Path(folder), scene(targets__box__center_m=[25.0, 25.0, 1.0], **changes), **options).variants[0].radiances
+        return (
+            run(Path(folder), scene(targets__box__center_m=[25.0, 25.0, 1.0], **changes), **options)
+            .variants[0]
+            .radiances
+        )
 
 
 def with_numerics(changes, **numerics):
@@ -53,12 +61,20 @@ def with_numerics(changes, **numerics):
 @given(SCENES)
 @SOME
 def test_isothermal_air_only_takes_away(changes):
-    """Every pixel's contrast is its surface's own, times something from 0 to 1; depths are positive and grow with length."""
+    """Every pixel's contrast is its surface's own, times something from 0 to 1.
+
+    Depths are positive and grow with length.
+    """
     through = seen(with_numerics(changes))
     clear = seen(with_numerics(changes | {"atmosphere__model": "none"}))
     # Rays that the cut-off ended show nothing, where clear air shows what is behind.
     kept = through.target == clear.target
-    share = np.divide(through.contrast, clear.contrast, out=np.zeros_like(clear.contrast), where=clear.contrast != 0)
+    share = np.divide(
+        through.contrast,
+        clear.contrast,
+        out=np.zeros_like(clear.contrast),
+        where=clear.contrast != 0,
+    )
     assert (share[:, kept] >= 0).all()
     assert (share[:, kept] <= 1 + FLOAT32).all()
     assert (through.optical_depth >= 0).all()
@@ -80,7 +96,8 @@ def test_float32_agrees_with_float64(changes):
 def test_farther_is_deeper(changes, factor):
     """The same rays, let run farther where they met nothing."""
     near, far = (
-        seen(with_numerics(changes | {"background__max_range_m": metres}, cutoff_depth=1e9)) for metres in (30.0, 30.0 * factor)
+        seen(with_numerics(changes | {"background__max_range_m": metres}, cutoff_depth=1e9))
+        for metres in (30.0, 30.0 * factor)
     )
     assert (far.path_length >= near.path_length * (1 - FLOAT32)).all()
     assert (far.optical_depth >= near.optical_depth * (1 - FLOAT32)).all()
@@ -89,9 +106,14 @@ def test_farther_is_deeper(changes, factor):
 @given(SCENES, st.floats(0, 1))
 @SOME
 def test_reflectivity_mixes_emission_and_environment(changes, share):
-    """A surface of reflectivity R is R times a mirror and 1 - R times a black body, pixel by pixel."""
+    """A surface of reflectivity R is R times a mirror and 1 - R times a black body.
+
+    Pixel by pixel.
+    """
     own = [
-        seen(with_numerics(changes | {"ground__reflectivity": r, "targets__box__reflectivity": r})).contrast
+        seen(
+            with_numerics(changes | {"ground__reflectivity": r, "targets__box__reflectivity": r})
+        ).contrast
         for r in (0.0, 1.0, share)
     ]
     mixed = (1 - share) * own[0].astype(float) + share * own[1].astype(float)
@@ -110,7 +132,11 @@ def test_splitting_voxels_changes_nothing(changes):
         for times in (1, 2):
             fine = cube.repeat(times, 0).repeat(times, 1).repeat(times, 2)
             write_cube(Path(folder) / f"air{times}.nc", fine, fluctuations["voxel_m"] / times)
-            air = {"spectrum": "file", "file": f"air{times}.nc", "grid_orientation": fluctuations["grid_orientation"]}
+            air = {
+                "spectrum": "file",
+                "file": f"air{times}.nc",
+                "grid_orientation": fluctuations["grid_orientation"],
+            }
             data = with_numerics(changes | {"atmosphere__fluctuations": air}, cutoff_depth=1e9)
             data["atmosphere__relative_humidity_percent"] = 30.0
             data["atmosphere__temperature_k"] = 300.0
@@ -142,21 +168,32 @@ def test_left_and_right_are_mirror_images(changes):
             "targets__box__center_m": [25.0, sign * 25.0, 1.0],
         }
         with tempfile.TemporaryDirectory() as folder:
-            images.append(run(Path(folder), scene(**with_numerics(mirrored))).variants[0].radiances.contrast)
+            images.append(
+                run(Path(folder), scene(**with_numerics(mirrored))).variants[0].radiances.contrast
+            )
     assert np.abs(images[0] - images[1][..., ::-1]).max() <= FLOAT32 * np.abs(images[0]).max()
 
 
 @given(SCENES, st.floats(0.1, 3.0))
 @SOME
 def test_what_the_path_emits_lies_between_what_it_meets(changes, sigma):
-    """With temperature fluctuating and a black environment: no pixel is colder or warmer than all it can see."""
+    """With temperature fluctuating and a black environment.
+
+    No pixel is colder or warmer than all it can see.
+    """
     air = changes["atmosphere__fluctuations"] | {"temperature_sigma_k": sigma}
     dark = {"ground__reflectivity": 0.0, "targets__box__reflectivity": 0.0}
-    data = with_numerics(changes | dark | {"atmosphere__fluctuations": air}) | {"output": {"save_field": True}}
+    data = with_numerics(changes | dark | {"atmosphere__fluctuations": air}) | {
+        "output": {"save_field": True}
+    }
     with tempfile.TemporaryDirectory() as folder:
         result = run(Path(folder), scene(targets__box__center_m=[25.0, 25.0, 1.0], **data))
     warmth = result.cubes[0].air_temperature_k
-    kelvin = [changes["ground__temperature_k"], changes["targets__box__temperature_k"], changes["atmosphere__temperature_k"]]
+    kelvin = [
+        changes["ground__temperature_k"],
+        changes["targets__box__temperature_k"],
+        changes["atmosphere__temperature_k"],
+    ]
     low, high = min(warmth.min(), *kelvin), max(warmth.max(), *kelvin)
     image = result.variants[0].radiances.brightness_temperature
     assert image.min() >= low - 1e-3

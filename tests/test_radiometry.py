@@ -8,7 +8,7 @@ import numpy as np
 import oracle
 import pytest
 
-from thzcl import radiometry
+from thzcl.air import radiometry
 
 getcontext().prec = 60
 ROUNDING = 1e-12  # of a handful of float64 operations, each well conditioned
@@ -25,16 +25,28 @@ def exact_planck(hz, kelvin):
 @pytest.mark.parametrize("ghz", [1, 650, 1780])
 @pytest.mark.parametrize("kelvin", [2.7, 275.0, 3000.0, 1e6, 1e18])
 def test_planck(ghz, kelvin):
-    assert radiometry.planck(ghz * 1e9, kelvin) == pytest.approx(float(exact_planck(ghz * 1e9, kelvin)), rel=ROUNDING)
+    assert radiometry.planck(ghz * 1e9, kelvin) == pytest.approx(
+        float(exact_planck(ghz * 1e9, kelvin)), rel=ROUNDING
+    )
 
 
 @pytest.mark.parametrize("ghz", [1, 650, 1780])
 @pytest.mark.parametrize(
-    ("one", "other"), [(275.0, 275.001), (275.000001, 275.0), (2.7, 300.0), (1e18, 275.0), (275.0, 0.0), (0.01, 275.0)]
+    ("one", "other"),
+    [
+        (275.0, 275.001),
+        (275.000001, 275.0),
+        (2.7, 300.0),
+        (1e18, 275.0),
+        (275.0, 0.0),
+        (0.01, 275.0),
+    ],
 )
 def test_differences_keep_their_digits(ghz, one, other):
     expected = float(exact_planck(ghz * 1e9, one) - exact_planck(ghz * 1e9, other))
-    assert radiometry.planck_difference(ghz * 1e9, one, other) == pytest.approx(expected, rel=ROUNDING)
+    assert radiometry.planck_difference(ghz * 1e9, one, other) == pytest.approx(
+        expected, rel=ROUNDING
+    )
     # Subtraction would not do: this is what the remedy is for.
     if abs(one - other) < 1e-5:
         plain = oracle.planck(ghz * 1e9, one) - oracle.planck(ghz * 1e9, other)
@@ -52,8 +64,12 @@ def test_nothing_and_equality_are_exact():
 def test_contrast_inverts_the_difference(kelvin):
     contrast = radiometry.planck_difference(650e9, kelvin, 275.0)
     found = float(radiometry.brightness_temperature_contrast(650e9, contrast, 275.0))
-    assert found == pytest.approx(kelvin - 275.0, rel=1e-9 if abs(kelvin - 275) > 1e-3 else 1e-7, abs=0)
-    assert radiometry.brightness_temperature(650e9, radiometry.planck(650e9, kelvin)) == pytest.approx(kelvin, rel=1e-9)
+    assert found == pytest.approx(
+        kelvin - 275.0, rel=1e-9 if abs(kelvin - 275) > 1e-3 else 1e-7, abs=0
+    )
+    assert radiometry.brightness_temperature(
+        650e9, radiometry.planck(650e9, kelvin)
+    ) == pytest.approx(kelvin, rel=1e-9)
 
 
 def test_no_radiance_is_zero_kelvin_below_the_reference():
@@ -65,8 +81,14 @@ def test_surfaces_emit_and_reflect():
     """L = (1 - R) B(T) + R L_environment, less the air's radiance."""
     kelvin, reflectivity = np.array([263.0, 273.0]), np.array([0.2, 0.5])
     air = oracle.planck(650e9, 275.0)
-    for environment, surroundings in (("air", air), ("none", 0.0), (100.0, oracle.planck(650e9, 100.0))):
-        found = radiometry.surface_contrast(np.array([650e9]), kelvin, reflectivity, 275.0, environment)
+    for environment, surroundings in (
+        ("air", air),
+        ("none", 0.0),
+        (100.0, oracle.planck(650e9, 100.0)),
+    ):
+        found = radiometry.surface_contrast(
+            np.array([650e9]), kelvin, reflectivity, 275.0, environment
+        )
         for row, t, r in zip(found, kelvin, reflectivity, strict=True):
             expected = (1 - r) * oracle.planck(650e9, t) + r * surroundings - air
             assert row[0] == pytest.approx(expected, rel=1e-11)

@@ -12,8 +12,20 @@ from thzcl import scenario
 
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 BLOCKS = re.findall(r"```(\w+)\n(.*?)```", README, re.DOTALL)
-COMMANDS = [line for kind, text in BLOCKS if kind == "sh" for line in text.splitlines() if line.startswith("thzcl ")]
-SETUP = [line for kind, text in BLOCKS if kind == "sh" for line in text.splitlines() if line.startswith("python3 -m venv")]
+COMMANDS = [
+    line
+    for kind, text in BLOCKS
+    if kind == "sh"
+    for line in text.splitlines()
+    if line.startswith("thzcl ")
+]
+SETUP = [
+    line
+    for kind, text in BLOCKS
+    if kind == "sh"
+    for line in text.splitlines()
+    if line.startswith("python3 -m venv")
+]
 
 
 def test_two_commands_do_all_the_setting_up():

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from scenes import run, scene
 
-from thzcl import radiometry
+from thzcl.air import radiometry
 
 METHODS = ("write", "readinto", "seek", "truncate", "flush", "close")
 
@@ -24,7 +24,10 @@ def two(tmp_path_factory):
     data = scene(
         sensor__frequency_ghz=[650.0, 350.0],
         output={"save_field": True},
-        variants=[{"name": "warm", "set": {}}, {"name": "cold", "set": {"targets.box.temperature_k": 250.0}}],
+        variants=[
+            {"name": "warm", "set": {}},
+            {"name": "cold", "set": {"targets.box.temperature_k": 250.0}},
+        ],
     )
     result = run(folder, data)
     return result, result.save(folder / "two.nc")
@@ -52,7 +55,9 @@ def test_the_file_holds_what_the_design_lists(two):
         assert target.attrs["flag_meanings"] == "background ground box"
         assert file["frequency"][...].tolist() == [350.0, 650.0]
         assert file["frequency"].attrs["units"] == "GHz"
-        assert [name if isinstance(name, str) else name.decode() for name in file["variant"][...]] == ["warm", "cold"]
+        assert [
+            name if isinstance(name, str) else name.decode() for name in file["variant"][...]
+        ] == ["warm", "cold"]
         assert file["absolute_humidity"].shape == (32, 32, 32)
         assert file["absolute_humidity"].attrs["voxel_m"] == 0.7
         assert file["x_angle"].attrs["units"] == "mrad"
@@ -86,7 +91,10 @@ def test_what_is_stored_belongs_together(two):
 
 
 def test_microkelvins_survive(tmp_path):
-    result = run(tmp_path, scene(targets__box__temperature_k=290.000001, targets__box__reflectivity=0.0, ground=None))
+    result = run(
+        tmp_path,
+        scene(targets__box__temperature_k=290.000001, targets__box__reflectivity=0.0, ground=None),
+    )
     path = result.save(tmp_path / "faint.nc")
     with h5netcdf.File(path) as file:
         box = file["target"][...] == 2
@@ -115,7 +123,9 @@ def test_a_saved_cube_is_the_next_scenes_air(two, tmp_path):
         variants=[{"name": "warm", "set": {}}],
     )
     again = run(tmp_path, data)
-    assert again.variants[0].radiances.optical_depth == pytest.approx(result.variants[0].radiances.optical_depth, rel=2e-6)
+    assert again.variants[0].radiances.optical_depth == pytest.approx(
+        result.variants[0].radiances.optical_depth, rel=2e-6
+    )
 
 
 @pytest.mark.parametrize(
@@ -177,7 +187,9 @@ def failing(monkeypatch):
                     file.close()
                 raise error
 
-            return SimpleNamespace(**{name: getattr(file, name) for name in METHODS} | {method: call})
+            return SimpleNamespace(
+                **{name: getattr(file, name) for name in METHODS} | {method: call}
+            )
 
         monkeypatch.setattr(Path, "open", spoilt)
 

@@ -7,7 +7,7 @@ import oracle
 import pytest
 from scenes import run, scene
 
-from thzcl.geometry import ROTATIONS
+from thzcl.surfaces.geometry import ROTATIONS
 
 ACTIVE = {
     "kind": "active", "frequency_ghz": 650.0, "dynamic_range_db": 80.0,
@@ -30,7 +30,9 @@ def test_zero_wind_is_the_snapshot_bit_for_bit(tmp_path):
     for sensor in (scan(), scan(timing="focal-plane", integration_time_s=1.0, samples=3)):
         assert np.array_equal(depth(tmp_path, sensor, [0.0, 0.0, 0.0]), snapshot)
     # And with the motion compiled in, at a wind that is next to nothing.
-    still = run(tmp_path, scene(sensor=scan(), atmosphere__fluctuations__wind_m_s=[1e-300, 0.0, 0.0]))
+    still = run(
+        tmp_path, scene(sensor=scan(), atmosphere__fluctuations__wind_m_s=[1e-300, 0.0, 0.0])
+    )
     assert any("MOTION" in options for options in still.build_options)
     assert np.array_equal(still.variants[0].sight.optical_depth[0], snapshot)
 
@@ -39,7 +41,10 @@ def test_zero_wind_is_the_snapshot_bit_for_bit(tmp_path):
 @pytest.mark.parametrize("back_and_forth", [False, True])
 @pytest.mark.parametrize("orientation", ["oblique", "aligned"])
 def test_each_pixel_sees_the_air_of_its_own_time(tmp_path, order, back_and_forth, orientation):
-    """A ray taken at time t starts at -U t in the saved cube: against the oracle, pixel by pixel."""
+    """A ray taken at time t starts at -U t in the saved cube: against the oracle.
+
+    Pixel by pixel.
+    """
     wind = np.array([3.0, -2.0, 0.5])
     data = scene(
         camera__pixels=[6, 5],
@@ -52,7 +57,10 @@ def test_each_pixel_sees_the_air_of_its_own_time(tmp_path, order, back_and_forth
     result = run(tmp_path, data)
     sight, cube = result.variants[0].radiances, result.cubes[0]
     lens = oracle.Camera(
-        *(data["camera"][k] for k in ("position_m", "look_at_m", "focal_length_mm", "focal_plane_mm", "pixels"))
+        *(
+            data["camera"][k]
+            for k in ("position_m", "look_at_m", "focal_length_mm", "focal_plane_mm", "pixels")
+        )
     )
     for row, column in np.ndindex(5, 6):
         line, place, along = (row, column, 6) if order == "rows" else (column, row, 5)
@@ -60,7 +68,12 @@ def test_each_pixel_sees_the_air_of_its_own_time(tmp_path, order, back_and_forth
         start = np.array(data["camera"]["position_m"]) - wind * number * 0.37
         far = float(sight.path_length[row, column])
         grams, metres = oracle.path(
-            cube.absolute_humidity_g_m3, start, lens.ray(row, column), far, cube.voxel_m, ROTATIONS[orientation]
+            cube.absolute_humidity_g_m3,
+            start,
+            lens.ray(row, column),
+            far,
+            cube.voxel_m,
+            ROTATIONS[orientation],
         )
         exact = oracle.absorption_per_m(650e9, 290.0, 1013.25, grams) @ metres
         assert sight.optical_depth[0, row, column] == pytest.approx(exact, rel=1e-10)
@@ -82,16 +95,26 @@ def test_a_focal_plane_averages_instants(tmp_path):
     """The mean radiance of snapshots at the middles of equal parts of the integration time."""
     wind = [4.0, 1.0, 0.0]
     sensor = scan(timing="focal-plane", integration_time_s=2.0, samples=4)
-    mean = run(tmp_path, scene(sensor=sensor, atmosphere__fluctuations__wind_m_s=wind)).variants[0].radiances
+    mean = (
+        run(tmp_path, scene(sensor=sensor, atmosphere__fluctuations__wind_m_s=wind))
+        .variants[0]
+        .radiances
+    )
     parts = []
     for instant in (0.25, 0.75, 1.25, 1.75):
-        # The same air from a camera, ground and box that move against the wind: only the air can tell.
+        # The same air from a camera, ground and box that move against the wind: only the air can
+        # tell.
         moved = {
             name: [place - u * instant for place, u in zip(at, wind, strict=True)]
-            for name, at in (("camera__position_m", [1.0, -2.0, 4.0]), ("camera__look_at_m", [30.0, 8.0, 1.0]))
+            for name, at in (
+                ("camera__position_m", [1.0, -2.0, 4.0]),
+                ("camera__look_at_m", [30.0, 8.0, 1.0]),
+            )
         }
         data = scene(**moved)
-        data["targets"]["box"]["center_m"] = [c - u * instant for c, u in zip([25.0, 7.0, 1.0], wind, strict=True)]
+        data["targets"]["box"]["center_m"] = [
+            c - u * instant for c, u in zip([25.0, 7.0, 1.0], wind, strict=True)
+        ]
         parts.append(run(tmp_path, data).variants[0].radiances.contrast)
     assert mean.contrast == pytest.approx(np.mean(parts, axis=0), rel=1e-4)
 
@@ -103,9 +126,17 @@ def test_it_wraps_any_sensor(tmp_path):
         ACTIVE,
     ):
         still, moving = (
-            run(tmp_path, scene(sensor=scan(detector=detector, dwell_s=0.1), atmosphere__fluctuations__wind_m_s=u)).variants[0]
+            run(
+                tmp_path,
+                scene(
+                    sensor=scan(detector=detector, dwell_s=0.1),
+                    atmosphere__fluctuations__wind_m_s=u,
+                ),
+            ).variants[0]
             for u in ([0.0, 0.0, 0.0], wind)
         )
         assert still.image.quantity == moving.image.quantity
         assert not np.array_equal(still.sight.optical_depth, moving.sight.optical_depth)
-        assert moving.sight.optical_depth[0, 0, 0] == still.sight.optical_depth[0, 0, 0]  # taken at time 0
+        assert (
+            moving.sight.optical_depth[0, 0, 0] == still.sight.optical_depth[0, 0, 0]
+        )  # taken at time 0

@@ -8,7 +8,8 @@ import pytest
 import tomli
 from scenes import PLAIN, scene, write
 
-from thzcl import pipeline, plugins, scenario
+from thzcl import pipeline, scenario
+from thzcl.plugins import loader as plugins
 from thzcl.scenario import ScenarioError, toml
 
 
@@ -73,20 +74,56 @@ frequency_ghz = 2000
 
 
 SINGLE = {
-    "grid": ({"atmosphere__fluctuations__grid": 100}, "[atmosphere.fluctuations] grid: must be a power of two"),
-    "looks at itself": ({"camera__look_at_m": [1.0, -2.0, 4.0]}, "[camera] look_at_m: the camera looks at itself"),
-    "under ground": ({"camera__position_m": [0, 0, -1.0]}, "[camera] position_m: the camera is at z = -1 m"),
-    "no humidity": ({"atmosphere__relative_humidity_percent": None}, "[atmosphere] needs one of relative_humidity_percent"),
-    "not a number": ({"atmosphere__temperature_k": float("nan")}, "[atmosphere] temperature_k: must be a finite number"),
-    "pressure": ({"atmosphere__pressure_hpa": 10.0}, "makes a vapour pressure of 13.4 hPa, more than the total of 10 hPa"),
-    "outer scale": ({"atmosphere__fluctuations__spectrum": "von-karman"}, 'spectrum = "von-karman" needs outer_scale_m'),
-    "spectrum": ({"atmosphere__fluctuations__spectrum": "kolmogorof"}, "must be 'kolmogorov', 'von-karman', 'table' or 'file'"),
-    "no sensor of that name": ({"sensor__kind": "passive-spectrl"}, 'no sensor "passive-spectrl" is installed (did you mean'),
-    "ground temperature": ({"ground__temperature_k": None}, "[ground] temperature_k: missing; a passive sensor sees"),
+    "grid": (
+        {"atmosphere__fluctuations__grid": 100},
+        "[atmosphere.fluctuations] grid: must be a power of two",
+    ),
+    "looks at itself": (
+        {"camera__look_at_m": [1.0, -2.0, 4.0]},
+        "[camera] look_at_m: the camera looks at itself",
+    ),
+    "under ground": (
+        {"camera__position_m": [0, 0, -1.0]},
+        "[camera] position_m: the camera is at z = -1 m",
+    ),
+    "no humidity": (
+        {"atmosphere__relative_humidity_percent": None},
+        "[atmosphere] needs one of relative_humidity_percent",
+    ),
+    "not a number": (
+        {"atmosphere__temperature_k": float("nan")},
+        "[atmosphere] temperature_k: must be a finite number",
+    ),
+    "pressure": (
+        {"atmosphere__pressure_hpa": 10.0},
+        "makes a vapour pressure of 13.4 hPa, more than the total of 10 hPa",
+    ),
+    "outer scale": (
+        {"atmosphere__fluctuations__spectrum": "von-karman"},
+        'spectrum = "von-karman" needs outer_scale_m',
+    ),
+    "spectrum": (
+        {"atmosphere__fluctuations__spectrum": "kolmogorof"},
+        "must be 'kolmogorov', 'von-karman', 'table' or 'file'",
+    ),
+    "no sensor of that name": (
+        {"sensor__kind": "passive-spectrl"},
+        'no sensor "passive-spectrl" is installed (did you mean',
+    ),
+    "ground temperature": (
+        {"ground__temperature_k": None},
+        "[ground] temperature_k: missing; a passive sensor sees",
+    ),
     "no frequency": ({"sensor__frequency_ghz": None}, "[sensor] frequency_ghz: missing: frequency"),
     "no camera": ({"camera": None}, "camera: missing"),
-    "name taken": ({"targets__ground": PLAIN["targets"]["box"]}, '[targets] ground: "ground" names another part'),
-    "no such file": ({"atmosphere__fluctuations": {"spectrum": "file", "file": "no.nc"}}, "no.nc: cannot be read"),
+    "name taken": (
+        {"targets__ground": PLAIN["targets"]["box"]},
+        '[targets] ground: "ground" names another part',
+    ),
+    "no such file": (
+        {"atmosphere__fluctuations": {"spectrum": "file", "file": "no.nc"}},
+        "no.nc: cannot be read",
+    ),
     "bars twice": (
         {"targets__box__bars": [{"face": "-x", "count": 2, "temperature_k": 1.0}] * 2},
         '[targets.box] bars: face "-x" has two sets of bars',
@@ -104,11 +141,18 @@ def test_each_mistake_has_its_message(tmp_path, case):
 
 
 def test_variants_change_what_they_set_and_are_checked(tmp_path):
-    data = scene(variants=[{"name": "cold", "set": {"targets.box.temperature_k": 250.0}}, {"name": "as it is"}])
+    data = scene(
+        variants=[
+            {"name": "cold", "set": {"targets.box.temperature_k": 250.0}},
+            {"name": "as it is"},
+        ]
+    )
     plan = pipeline.prepare(write(tmp_path, data))
     assert [v.name for v in plan.variants] == ["cold", "as it is"]
     assert [v.scene.targets["box"].temperature_k for v in plan.variants] == [250.0, 300.0]
-    assert [v.name for v in pipeline.prepare(write(tmp_path, data), variants=["as it is"]).variants] == ["as it is"]
+    assert [
+        v.name for v in pipeline.prepare(write(tmp_path, data), variants=["as it is"]).variants
+    ] == ["as it is"]
     with pytest.raises(ScenarioError, match=r"no such variant \(did you mean cold"):
         pipeline.prepare(write(tmp_path, data), variants=["colt"])
     bad = scene(
@@ -128,15 +172,21 @@ def test_variants_change_what_they_set_and_are_checked(tmp_path):
 
 def test_settings_change_keys_and_are_named_in_messages(tmp_path):
     file = write(tmp_path, PLAIN)
-    plan = pipeline.prepare(file, {"targets.box.temperature_k": 310.0, "sensor.frequency_ghz": [350.0, 650.0]})
+    plan = pipeline.prepare(
+        file, {"targets.box.temperature_k": 310.0, "sensor.frequency_ghz": [350.0, 650.0]}
+    )
     assert plan.variants[0].scene.targets["box"].temperature_k == 310.0
     assert plan.frequency_hz.tolist() == [350e9, 650e9]
-    assert problems(file, {"camera.pixels": 3})[0].startswith("--set: [camera] pixels: must be a list")
+    assert problems(file, {"camera.pixels": 3})[0].startswith(
+        "--set: [camera] pixels: must be a list"
+    )
 
 
 def test_what_is_not_a_scenario_is_refused_in_words(tmp_path):
     (tmp_path / "latin.toml").write_bytes("# caf\xe9".encode("latin-1"))
-    (tmp_path / "broken.toml").write_text("[camera]\nposition_m = [1,\nlook_at_m = 3\n", encoding="utf-8")
+    (tmp_path / "broken.toml").write_text(
+        "[camera]\nposition_m = [1,\nlook_at_m = 3\n", encoding="utf-8"
+    )
     (tmp_path / "huge.toml").write_bytes(b"#" * 5_000_000)
     (tmp_path / "other.nc").write_bytes(b"not a result")
     for name, expected in (
@@ -153,7 +203,10 @@ def test_what_is_not_a_scenario_is_refused_in_words(tmp_path):
 
 
 def test_toml_is_written_as_it_is_read():
-    for data in (PLAIN, scene(variants=[{"name": 'q"uote', "set": {"a.b": [1, 2.5, "x"], "c": True}}])):
+    for data in (
+        PLAIN,
+        scene(variants=[{"name": 'q"uote', "set": {"a.b": [1, 2.5, "x"], "c": True}}]),
+    ):
         assert tomli.loads(toml.dumps(data)) == data
 
 

@@ -11,21 +11,37 @@ import oracle
 import pytest
 from scenes import run, scene, write
 
-from thzcl import bands, pipeline, radiometry
-from thzcl.absorption import Air
-from thzcl.absorption.mpm93 import line_centers_ghz, line_width_ghz
+from thzcl import pipeline
+from thzcl.air import radiometry
+from thzcl.air.mean import Air
+from thzcl.air.mpm93 import line_centers_ghz, line_width_ghz
 from thzcl.clock import Clock
-from thzcl.ensemble import realization
 from thzcl.scenario import ScenarioError
+from thzcl.sensing import bands
 from thzcl.sensor import Radiances
+from thzcl.studies.ensemble import realization
 
 ACTIVE = {"kind": "active", "frequency_ghz": 650.0, "dynamic_range_db": 100.0}
-CLIMATES = {(-10, 30): 0.64, (20, 44): 5.5, (43, 30): 11.6, (35, 90): 30.1}  # two-way loss over 40 m at 650 GHz, dB
-MIRROR = {"kind": "box", "center_m": [41.0, 0.0, 1.2], "size_m": [2.0, 40.0, 40.0], "temperature_k": 300.0, "reflectivity": 1.0}
+CLIMATES = {
+    (-10, 30): 0.64,
+    (20, 44): 5.5,
+    (43, 30): 11.6,
+    (35, 90): 30.1,
+}  # two-way loss over 40 m at 650 GHz, dB
+MIRROR = {
+    "kind": "box",
+    "center_m": [41.0, 0.0, 1.2],
+    "size_m": [2.0, 40.0, 40.0],
+    "temperature_k": 300.0,
+    "reflectivity": 1.0,
+}
 
 
 def facing(distance, **changes):
-    """A wall across the line of sight, its face at a distance, seen by a few pixels in uniform air."""
+    """A wall across the line of sight, its face at a distance.
+
+    Seen by a few pixels in uniform air.
+    """
     wall = MIRROR | {"center_m": [distance + 1.0, 0.0, 1.2]}
     base = {
         "camera__position_m": [0.0, 0.0, 1.2],
@@ -39,7 +55,8 @@ def facing(distance, **changes):
     return scene(**(base | changes))
 
 
-# --- active ----------------------------------------------------------------------------------------------------------------
+# --- active
+# ----------------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("distance", [40.0, 80.0])
@@ -54,21 +71,34 @@ def test_two_way_losses_of_the_four_climates(tmp_path, climate, distance):
 
 
 def test_what_dynamic_range_leaves_at_80_m_in_the_wettest_air(tmp_path):
-    """80 dB keep a mirror 20 dB over the floor and a reflectivity of 0.2 12.8 dB; 50 dB lose both."""
+    """80 dB keep a mirror 20 dB over the floor and a reflectivity of 0.2 12.8 dB.
+
+    50 dB lose both.
+    """
     air = {"temperature_k": 308.15, "relative_humidity_percent": 90.0}
     for reflectivity, over in ((1.0, 20.0), (0.2, 12.8)):
         wall = MIRROR | {"center_m": [81.0, 0.0, 1.2], "reflectivity": reflectivity}
         for decibels, expected in ((80.0, over), (50.0, 0.0)):
             sensor = {"kind": "active", "frequency_ghz": 650.0, "dynamic_range_db": decibels}
-            image = run(tmp_path, facing(80.0, sensor=sensor, atmosphere=air, targets={"wall": wall})).variants[0].image
+            image = (
+                run(tmp_path, facing(80.0, sensor=sensor, atmosphere=air, targets={"wall": wall}))
+                .variants[0]
+                .image
+            )
             assert image.values[1, 1] == pytest.approx(expected, abs=0.25)
             assert image.layers["below_floor"].values[1, 1] == (decibels == 50.0)
 
 
 def test_monostatic_is_twice_the_one_way_depth_pixel_by_pixel(tmp_path):
-    """The logarithm of P against the passive run's depth, to 1e-6, through the same turbulent air."""
+    """The logarithm of P against the passive run's depth, to 1e-6.
+
+    Through the same turbulent air.
+    """
     passive = run(tmp_path, scene()).variants[0].radiances
-    active = run(tmp_path, scene(sensor={"kind": "active", "frequency_ghz": 650.0, "dynamic_range_db": 200.0})).variants[0]
+    active = run(
+        tmp_path,
+        scene(sensor={"kind": "active", "frequency_ghz": 650.0, "dynamic_range_db": 200.0}),
+    ).variants[0]
     power = active.image.layers["received_power"].values
     for flag, reflectivity in ((1, 0.1), (2, 0.2)):
         here = passive.target == flag
@@ -78,7 +108,10 @@ def test_monostatic_is_twice_the_one_way_depth_pixel_by_pixel(tmp_path):
 
 
 def test_active_sensors_ask_for_no_temperatures(tmp_path):
-    data = scene(sensor={"kind": "active", "frequency_ghz": 650.0, "dynamic_range_db": 80.0}, ground={"reflectivity": 0.1})
+    data = scene(
+        sensor={"kind": "active", "frequency_ghz": 650.0, "dynamic_range_db": 80.0},
+        ground={"reflectivity": 0.1},
+    )
     del data["targets"]["box"]["temperature_k"]
     result = run(tmp_path, data)
     assert "radiance" not in result.to_xarray()
@@ -91,12 +124,19 @@ def test_a_bistatic_source_beside_the_camera_is_nearly_monostatic(tmp_path):
     beside = sensor | {"arrangement": "bistatic", "transmitter_m": [1.0, -2.0, 4.000001]}
     found = run(tmp_path, scene(sensor=beside)).variants[0]
     same = (mono.sight.target == found.sight.target) & (mono.sight.target > 0)
-    assert same.sum() > 0.95 * (mono.sight.target > 0).sum()  # at grazing edges a micrometre decides
-    assert found.sight.optical_depth[0][same] == pytest.approx(mono.sight.optical_depth[0][same], rel=1e-4)
+    assert (
+        same.sum() > 0.95 * (mono.sight.target > 0).sum()
+    )  # at grazing edges a micrometre decides
+    assert found.sight.optical_depth[0][same] == pytest.approx(
+        mono.sight.optical_depth[0][same], rel=1e-4
+    )
 
 
 def test_what_is_not_lit_sends_nothing_back(tmp_path):
-    """The transmitter stands behind the box: its near side and its shadow on the ground are dark, the rest is lit."""
+    """The transmitter stands behind the box: its near side and its shadow on the ground are dark.
+
+    The rest is lit.
+    """
     data = scene(
         camera__pixels=[60, 45],
         sensor=ACTIVE | {"dynamic_range_db": 200.0, "arrangement": "bistatic", "transmitter_m": [40.0, 12.0, 6.0]},
@@ -104,7 +144,10 @@ def test_what_is_not_lit_sends_nothing_back(tmp_path):
     found = run(tmp_path, data).variants[0]
     seen = run(tmp_path, scene(camera__pixels=[60, 45])).variants[0].radiances
     lens = oracle.Camera(
-        *(data["camera"][k] for k in ("position_m", "look_at_m", "focal_length_mm", "focal_plane_mm", "pixels"))
+        *(
+            data["camera"][k]
+            for k in ("position_m", "look_at_m", "focal_length_mm", "focal_plane_mm", "pixels")
+        )
     )
     box = oracle.Box((25.0, 7.0, 1.0), (3.0, 4.0, 2.0), 30.0)
     camera, transmitter = np.array([1.0, -2.0, 4.0]), np.array([40.0, 12.0, 6.0])
@@ -124,7 +167,10 @@ def test_what_is_not_lit_sends_nothing_back(tmp_path):
 
 
 def test_bistatic_variance_is_that_of_both_ways_and_their_covariance(tmp_path, device):
-    """Over 200 seeds: var(out + back) = var(out) + var(back) + 2 cov, from three separate runs a seed."""
+    """Over 200 seeds: var(out + back) = var(out) + var(back) + 2 cov.
+
+    From three separate runs a seed.
+    """
     wall = MIRROR | {"center_m": [26.0, 0.0, 1.2]}
     base = {
         "camera__position_m": [0.0, 0.0, 1.2],
@@ -147,16 +193,23 @@ def test_bistatic_variance_is_that_of_both_ways_and_their_covariance(tmp_path, d
     ways = [{"sensor": there}, {}, {"camera__position_m": transmitter}]
     plans = [pipeline.prepare(write(tmp_path, scene(**(base | way)))) for way in ways]
     seen = [
-        [pipeline.compute_images(realization(plan, number), device, Clock()).variants[0].sight for plan in plans]
+        [
+            pipeline.compute_images(realization(plan, number), device, Clock()).variants[0].sight
+            for plan in plans
+        ]
         for number in range(200)
     ]
-    both, back, out = np.array([[sight.optical_depth.item() for sight in three] for three in seen]).T
+    both, back, out = np.array(
+        [[sight.optical_depth.item() for sight in three] for three in seen]
+    ).T
     assert both == pytest.approx(back + out, rel=1e-9)
     covariance = np.cov(back, out)
     predicted = covariance[0, 0] + covariance[1, 1] + 2 * covariance[0, 1]
     error = predicted * math.sqrt(2 / 199)
     assert abs(np.var(both, ddof=1) - predicted) < 3 * error
-    assert covariance[0, 1] > 0.2 * covariance[0, 0]  # the ways share air: without the covariance it would be another number
+    assert (
+        covariance[0, 1] > 0.2 * covariance[0, 0]
+    )  # the ways share air: without the covariance it would be another number
 
 
 def test_lambertian_surfaces_spread_what_they_reflect(tmp_path):
@@ -164,8 +217,15 @@ def test_lambertian_surfaces_spread_what_they_reflect(tmp_path):
     sensor = ACTIVE | {"dynamic_range_db": 200.0, "spreading": "lambert", "aperture_m": 0.3}
     air = {"model": "none", "temperature_k": 290.0, "relative_humidity_percent": 0.0}
     for yaw, cosine in ((0.0, 1.0), (60.0, 0.5)):
-        wall = MIRROR | {"size_m": [1e-3, 40.0, 40.0], "center_m": [40.0, 0.0, 1.2], "yaw_deg": yaw, "reflectivity": 0.5}
-        found = run(tmp_path, facing(40.0, sensor=sensor, atmosphere=air, targets={"wall": wall})).variants[0]
+        wall = MIRROR | {
+            "size_m": [1e-3, 40.0, 40.0],
+            "center_m": [40.0, 0.0, 1.2],
+            "yaw_deg": yaw,
+            "reflectivity": 0.5,
+        }
+        found = run(
+            tmp_path, facing(40.0, sensor=sensor, atmosphere=air, targets={"wall": wall})
+        ).variants[0]
         power = found.image.layers["received_power"].values[1, 1]
         area = math.pi / 4 * 0.3**2
         assert power == pytest.approx(1e-3 * 0.5 * cosine * area / (math.pi * 40.0**2), rel=1e-3)
@@ -179,7 +239,8 @@ def test_speckle_has_the_contrast_of_its_looks(tmp_path):
     assert power.mean() == pytest.approx(1e-3 * np.exp(-found.sight.optical_depth.mean()), rel=0.01)
 
 
-# --- broadband -------------------------------------------------------------------------------------------------------------
+# --- broadband
+# -------------------------------------------------------------------------------------------------------------
 
 BROAD = {"kind": "passive-broadband", "center_ghz": 650.0, "bandwidth_ghz": 100.0}
 MILD = {"temperature_k": 293.15, "relative_humidity_percent": 44.0}
@@ -195,30 +256,56 @@ MILD = {"temperature_k": 293.15, "relative_humidity_percent": 44.0}
     ],
 )
 def test_mean_transmission_of_the_band(tmp_path, changes, expected, within):
-    """80 m of uniform air at 20 degrees and 44 %: resolved, and the paper's quadratures at their own values (PHYSICS 4)."""
+    """80 m of uniform air at 20 degrees and 44 %: resolved.
+
+    And the paper's quadratures at their own values (PHYSICS 4).
+    """
     wall = MIRROR | {"center_m": [81.0, 0.0, 1.2], "reflectivity": 0.0, "temperature_k": 310.0}
-    result = run(tmp_path, facing(80.0, sensor=BROAD | changes, atmosphere=MILD, targets={"wall": wall}))
-    assert np.exp(-result.variants[0].sight.optical_depth[0, 1, 1]) == pytest.approx(expected, rel=within)
+    result = run(
+        tmp_path, facing(80.0, sensor=BROAD | changes, atmosphere=MILD, targets={"wall": wall})
+    )
+    assert np.exp(-result.variants[0].sight.optical_depth[0, 1, 1]) == pytest.approx(
+        expected, rel=within
+    )
     error = result.error_budget["band-quadrature"]["relative"]
-    assert error < 1e-5 if not changes else error == pytest.approx(abs(0.2105 / expected - 1), rel=0.1)
+    assert (
+        error < 1e-5 if not changes else error == pytest.approx(abs(0.2105 / expected - 1), rel=0.1)
+    )
 
 
 def test_a_resolved_band_is_the_integral(tmp_path):
-    """Radiance over the band by brute force, of a warm wall behind 80 m of air, as power of a single mode."""
-    found = run(tmp_path, facing(80.0, sensor=BROAD, atmosphere=MILD, numerics={"precision": "float64"})).variants[0]
+    """Radiance over the band by brute force, of a warm wall behind 80 m of air.
+
+    As power of a single mode.
+    """
+    found = run(
+        tmp_path, facing(80.0, sensor=BROAD, atmosphere=MILD, numerics={"precision": "float64"})
+    ).variants[0]
     hz = np.linspace(600e9, 700e9, 20001)
     grams = 0.44 * oracle.saturation_hpa(293.15) * 1e5 / (461.525 * 293.15)
     depth = oracle.absorption_per_m(hz, 293.15, 1013.25, grams) * 80.0
     air = np.array([oracle.planck(f, 293.15) for f in hz])
-    # A mirror of surroundings at air temperature: its reflectivity is 1, so nothing differs from air.
+    # A mirror of surroundings at air temperature: its reflectivity is 1, so nothing differs from
+    # air.
     assert np.abs(found.sight.contrast).max() == 0
     power = np.trapezoid((oracle.C / hz) ** 2 / 2 * air, hz)
     assert found.image.layers["received_power"].values[1, 1] == pytest.approx(power, rel=1e-6)
     wall = MIRROR | {"center_m": [81.0, 0.0, 1.2], "reflectivity": 0.0, "temperature_k": 310.0}
-    warm = run(tmp_path, facing(80.0, sensor=BROAD, atmosphere=MILD, targets={"wall": wall}, numerics={"precision": "float64"}))
+    warm = run(
+        tmp_path,
+        facing(
+            80.0,
+            sensor=BROAD,
+            atmosphere=MILD,
+            targets={"wall": wall},
+            numerics={"precision": "float64"},
+        ),
+    )
     above = np.array([oracle.planck(f, 310.0) for f in hz]) - air
     expected = np.trapezoid((oracle.C / hz) ** 2 / 2 * (air + above * np.exp(-depth)), hz)
-    assert warm.variants[0].image.layers["received_power"].values[1, 1] == pytest.approx(expected, rel=1e-6)
+    assert warm.variants[0].image.layers["received_power"].values[1, 1] == pytest.approx(
+        expected, rel=1e-6
+    )
 
 
 def test_single_mode_at_300_kelvin():
@@ -226,14 +313,19 @@ def test_single_mode_at_300_kelvin():
     band = bands.named("flat", 650e9, 100e9)
     hz = np.linspace(band.low_hz, band.high_hz, 2001)
     modes = (radiometry.LIGHT_SPEED / hz) ** 2 / 2
-    assert np.trapezoid(modes * radiometry.planck(hz, 300.0), hz) == pytest.approx(0.39e-9, rel=0.01)
+    assert np.trapezoid(modes * radiometry.planck(hz, 300.0), hz) == pytest.approx(
+        0.39e-9, rel=0.01
+    )
     slope = np.trapezoid(modes * radiometry.planck_slope(hz, 300.0), hz)
     assert slope == pytest.approx(1.38e-12, rel=0.003)
     assert 3e-11 / slope == pytest.approx(21.7, abs=0.05)
 
 
 def test_noise_of_a_million_pixels(tmp_path):
-    """NEP sqrt(B), within 1 %; the same seed gives the same image; one detector for all pixels is as much noisier."""
+    """NEP sqrt(B), within 1 %; the same seed gives the same image.
+
+    One detector for all pixels is as much noisier.
+    """
     noisy = BROAD | {"noise_equivalent_power_w_rthz": 3e-12, "frame_rate_hz": 100.0}
     data = facing(40.0, sensor=noisy, camera__pixels=[1000, 1000])
     one, again = (run(tmp_path, data).variants[0].image for _ in range(2))
@@ -242,47 +334,86 @@ def test_noise_of_a_million_pixels(tmp_path):
     assert np.array_equal(power, again.layers["received_power"].values)
     assert one.facts["noise power"] == (pytest.approx(3e-11), "W")
     assert one.facts["NEDT at the sensor"][0] == pytest.approx(21.75, abs=0.1)
-    passed = np.exp(-float(run(tmp_path, facing(40.0, sensor=BROAD)).variants[0].sight.optical_depth[0, 1, 1]))
+    passed = np.exp(
+        -float(run(tmp_path, facing(40.0, sensor=BROAD)).variants[0].sight.optical_depth[0, 1, 1])
+    )
     assert one.facts["NEDT at the targets"][0] == pytest.approx(21.75 / passed, rel=0.01)
-    scanned = run(tmp_path, facing(40.0, sensor=noisy | {"noise_bandwidth": "scanned"}, camera__pixels=[300, 300]))
-    assert scanned.variants[0].image.layers["received_power"].values.std() == pytest.approx(3e-11 * 300, rel=0.02)
-    quiet = run(tmp_path, facing(40.0, sensor=BROAD | {"noise_equivalent_power_w_rthz": 0.0}, camera__pixels=[9, 9]))
+    scanned = run(
+        tmp_path,
+        facing(40.0, sensor=noisy | {"noise_bandwidth": "scanned"}, camera__pixels=[300, 300]),
+    )
+    assert scanned.variants[0].image.layers["received_power"].values.std() == pytest.approx(
+        3e-11 * 300, rel=0.02
+    )
+    quiet = run(
+        tmp_path,
+        facing(40.0, sensor=BROAD | {"noise_equivalent_power_w_rthz": 0.0}, camera__pixels=[9, 9]),
+    )
     assert quiet.variants[0].image.values.std() < 1e-6
     assert not quiet.variants[0].image.facts
 
 
 def test_antenna_temperature_and_geometric_throughput(tmp_path):
-    """Both throughputs give nearly the same antenna temperature; a geometric one collects A Omega in two polarisations."""
+    """Both throughputs give nearly the same antenna temperature.
+
+    A geometric one collects A Omega in two polarisations.
+    """
     single = run(tmp_path, facing(40.0, sensor=BROAD)).variants[0]
-    geometric = run(tmp_path, facing(40.0, sensor=BROAD | {"throughput": "geometric", "aperture_m": 0.3})).variants[0]
+    geometric = run(
+        tmp_path, facing(40.0, sensor=BROAD | {"throughput": "geometric", "aperture_m": 0.3})
+    ).variants[0]
     kelvin = single.image.values[1, 1]
     # Planck against Rayleigh-Jeans: x / (exp(x) - 1) with x = 0.108 at 650 GHz and 290 K.
     assert kelvin == pytest.approx(290.0 * 0.108 / math.expm1(0.108), rel=0.002)
     assert geometric.image.values[1, 1] == pytest.approx(kelvin, rel=0.002)
     solid_angle = (12.0 / 30000 / 3) * (9.0 / 30000 / 3)
     hz = np.linspace(600e9, 700e9, 1001)
-    expected = math.pi / 4 * 0.09 * solid_angle * np.trapezoid([oracle.planck(f, 290.0) for f in hz], hz)
-    assert geometric.image.layers["received_power"].values[1, 1] == pytest.approx(expected, rel=1e-5)
+    expected = (
+        math.pi / 4 * 0.09 * solid_angle * np.trapezoid([oracle.planck(f, 290.0) for f in hz], hz)
+    )
+    assert geometric.image.layers["received_power"].values[1, 1] == pytest.approx(
+        expected, rel=1e-5
+    )
 
 
 def test_responses(tmp_path):
     """A table that says flat is flat; a Gaussian is its integral."""
-    (tmp_path / "flat.csv").write_text("# any\nfrequency_ghz,response\n600,1\n650,1\n700,1\n", encoding="utf-8")
-    flat = run(tmp_path, facing(80.0, sensor=BROAD, atmosphere=MILD)).variants[0].sight.optical_depth[0, 1, 1]
+    (tmp_path / "flat.csv").write_text(
+        "# any\nfrequency_ghz,response\n600,1\n650,1\n700,1\n", encoding="utf-8"
+    )
+    flat = (
+        run(tmp_path, facing(80.0, sensor=BROAD, atmosphere=MILD))
+        .variants[0]
+        .sight.optical_depth[0, 1, 1]
+    )
     table = {"kind": "passive-broadband", "response": "flat.csv"}
-    found = run(tmp_path, facing(80.0, sensor=table, atmosphere=MILD)).variants[0].sight.optical_depth[0, 1, 1]
+    found = (
+        run(tmp_path, facing(80.0, sensor=table, atmosphere=MILD))
+        .variants[0]
+        .sight.optical_depth[0, 1, 1]
+    )
     assert found == pytest.approx(flat, rel=1e-5)
-    gaussian = run(tmp_path, facing(80.0, sensor=BROAD | {"response": "gaussian", "bandwidth_ghz": 40.0}, atmosphere=MILD))
+    gaussian = run(
+        tmp_path,
+        facing(
+            80.0, sensor=BROAD | {"response": "gaussian", "bandwidth_ghz": 40.0}, atmosphere=MILD
+        ),
+    )
     hz = np.linspace(590e9, 710e9, 20001)
     grams = 0.44 * oracle.saturation_hpa(293.15) * 1e5 / (461.525 * 293.15)
     passed = np.exp(-80.0 * oracle.absorption_per_m(hz, 293.15, 1013.25, grams))
     weight = 0.5 ** ((hz - 650e9) / 20e9) ** 2
     expected = (weight * passed).sum() / weight.sum()
-    assert np.exp(-gaussian.variants[0].sight.optical_depth[0, 1, 1]) == pytest.approx(expected, rel=0.002)
+    assert np.exp(-gaussian.variants[0].sight.optical_depth[0, 1, 1]) == pytest.approx(
+        expected, rel=0.002
+    )
 
 
 def test_lines_of_thin_air_are_found():
-    """1 hPa: lines a few MHz wide in a band of 100 GHz, against a brute sum at 50 kHz; unguided, they are missed."""
+    """1 hPa: lines a few MHz wide in a band of 100 GHz, against a brute sum at 50 kHz; unguided.
+
+    They are missed.
+    """
     air = Air("mpm93", 288.0, 1.0, 0.2)
     view = {
         "air_temperature_k": 288.0,
@@ -294,9 +425,13 @@ def test_lines_of_thin_air_are_found():
     hz = np.linspace(600e9, 700e9, 2000001)
     absorbed = np.trapezoid(1 - np.exp(-10.0 * air.absorption(hz)), hz) / 100e9
     found, blind = (
-        bands.resolve(band, SimpleNamespace(**view, line_width_hz=width)) for width in (line_width_ghz(1.0) * 1e9, 1e12)
+        bands.resolve(band, SimpleNamespace(**view, line_width_hz=width))
+        for width in (line_width_ghz(1.0) * 1e9, 1e12)
     )
-    errors = [q.weights @ (1 - np.exp(-10.0 * air.absorption(q.frequency_hz))) / 100e9 - absorbed for q in (found, blind)]
+    errors = [
+        q.weights @ (1 - np.exp(-10.0 * air.absorption(q.frequency_hz))) / 100e9 - absorbed
+        for q in (found, blind)
+    ]
     assert absorbed > 5e-4
     assert abs(errors[0]) < 1e-8
     assert abs(errors[1]) > 0.9 * absorbed
@@ -306,13 +441,18 @@ def test_bands_of_fluctuating_temperature(tmp_path):
     """The sum over the band of separate frequencies, path emission included."""
     warm = {"atmosphere__fluctuations__temperature_sigma_k": 1.0, "camera__pixels": [6, 4]}
     band = run(tmp_path, scene(**warm, sensor=BROAD | {"quadrature": "paper"})).variants[0].sight
-    single = run(tmp_path, scene(**warm, sensor__frequency_ghz=[600.0, 625.0, 650.0, 675.0, 700.0])).variants[0].sight
+    single = (
+        run(tmp_path, scene(**warm, sensor__frequency_ghz=[600.0, 625.0, 650.0, 675.0, 700.0]))
+        .variants[0]
+        .sight
+    )
     weights = (oracle.C / single.frequency_hz) ** 2
     expected = np.einsum("f,fyx->yx", weights, single.contrast) / weights.sum()
     assert band.contrast[0] == pytest.approx(expected, rel=1e-4, abs=1e-6 * np.abs(expected).max())
 
 
-# --- bad input -------------------------------------------------------------------------------------------------------------
+# --- bad input
+# -------------------------------------------------------------------------------------------------------------
 
 REFUSED = {
     "empty band": (BROAD | {"bandwidth_ghz": 0.0}, "bandwidth_ghz: must be above 0 GHz"),
@@ -364,7 +504,10 @@ def test_radiances_of_a_band_know_their_nodes(tmp_path):
 
 
 def test_figures_7_to_9_show_what_the_paper_says():
-    """Active: figure 9 loses the wettest 80 m panel entirely, figure 8 none. Passive: noise hides more, farther and wetter."""
+    """Active: figure 9 loses the wettest 80 m panel entirely, figure 8 none. Passive.
+
+    Noise hides more, farther and wetter.
+    """
     for name, lost in (("figure8", 0), ("figure9", 1)):
         result = pipeline.run(name)
         gone = [bool(v.image.layers["below_floor"].values.all()) for v in result.variants]
@@ -372,7 +515,8 @@ def test_figures_7_to_9_show_what_the_paper_says():
         assert gone[-1] == bool(lost)
     seven = pipeline.run("figure7")
     strength = [
-        v.sight.brightness_temperature_contrast[0].std() / v.image.facts["NEDT at the sensor"][0] for v in seven.variants
+        v.sight.brightness_temperature_contrast[0].std() / v.image.facts["NEDT at the sensor"][0]
+        for v in seven.variants
     ]
     assert strength[0] > strength[1] > strength[2] > strength[3]
     assert all(near > far for near, far in zip(strength[:4], strength[4:], strict=True))

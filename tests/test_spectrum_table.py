@@ -7,10 +7,12 @@ import pytest
 from hygrometer import ONE_SIDED, RECORD
 from scenes import scene, write
 
-from thzcl import field, pipeline, spectrum_table
-from thzcl.fluctuations.study import study, study_virtual
+from thzcl import pipeline
+from thzcl.records.study import study, study_virtual
 from thzcl.scenario import ScenarioError
-from thzcl.spectrum_table import SpectrumTable
+from thzcl.turbulence import cube as field
+from thzcl.turbulence import spectrum_table
+from thzcl.turbulence.spectrum_table import SpectrumTable
 
 POWER_LAW = 1e-5  # relative: a straight line in log-log is met to the rounding of two constants
 CUBIC = 0.03  # relative: a cubic's slope, with 12 points to a decade of a bending curve
@@ -22,11 +24,16 @@ def table(frequency, density):
 
 
 def test_kolmogorovs_spectrum_comes_back():
-    """9.69e-3 C^2 xi^(-11/3) of a line's 2 * 0.1244 (2 pi)^(-2/3) C^2 xi^(-5/3); beyond the ends too."""
+    """9.69e-3 C^2 xi^(-11/3) of a line's 2 * 0.1244 (2 pi)^(-2/3) C^2 xi^(-5/3).
+
+    Beyond the ends too.
+    """
     xi = np.geomspace(0.02, 2, 25)
     found = table(xi, 0.3 * ONE_SIDED * xi ** (-5 / 3))
     asked = np.geomspace(0.002, 20, 41)
-    assert found.density_in_space(asked) == pytest.approx(9.69315e-3 * 0.3 * asked ** (-11 / 3), rel=POWER_LAW)
+    assert found.density_in_space(asked) == pytest.approx(
+        9.69315e-3 * 0.3 * asked ** (-11 / 3), rel=POWER_LAW
+    )
     assert found.structure_constant == pytest.approx(0.3, rel=POWER_LAW)
 
 
@@ -34,7 +41,9 @@ def test_von_karmans_spectrum_comes_back():
     xi = np.geomspace(0.002, 2, 37)
     found = table(xi, ONE_SIDED * (xi**2 + 0.02**2) ** (-5 / 6))
     asked = np.geomspace(0.01, 1, 100)
-    assert found.density_in_space(asked) == pytest.approx(9.69315e-3 * (asked**2 + 0.02**2) ** (-11 / 6), rel=CUBIC)
+    assert found.density_in_space(asked) == pytest.approx(
+        9.69315e-3 * (asked**2 + 0.02**2) ** (-11 / 6), rel=CUBIC
+    )
 
 
 def test_what_scatters_is_never_negative_and_integrates_back():
@@ -53,7 +62,11 @@ def test_what_scatters_is_never_negative_and_integrates_back():
     inside = (fine > 0.01) & (fine < 2)
     assert back[inside] == pytest.approx(found.along(fine[inside])[0], rel=2e-3)
     # Where three rows were pooled their mean stands in the middle.
-    assert spectrum_table.pooled(np.arange(4.0), np.array([5.0, 1.0, 3.0, 0.0]))[1].tolist() == [5.0, 2.0, 0.0]
+    assert spectrum_table.pooled(np.arange(4.0), np.array([5.0, 1.0, 3.0, 0.0]))[1].tolist() == [
+        5.0,
+        2.0,
+        0.0,
+    ]
 
 
 def cube(device, path, **fluctuations):
@@ -65,28 +78,46 @@ def cube(device, path, **fluctuations):
 
 def test_a_table_of_kolmogorovs_spectrum_makes_the_same_cube(device, tmp_path):
     xi = np.geomspace(0.05, 2, 20)
-    np.savetxt(tmp_path / "s.csv", np.stack([xi, 0.3 * ONE_SIDED * xi ** (-5 / 3)], axis=1), delimiter=",")
+    np.savetxt(
+        tmp_path / "s.csv", np.stack([xi, 0.3 * ONE_SIDED * xi ** (-5 / 3)], axis=1), delimiter=","
+    )
     found, source = cube(device, tmp_path, spectrum="table", file="s.csv")
     expected, plain = cube(device, tmp_path, structure_constant_q=0.3)
     assert found == pytest.approx(expected, abs=FLOAT32 * float(expected.std()))
-    assert source.structure_constants(10.0) == pytest.approx((plain.sigma**2 * 100 / plain.unit_variance, 0), rel=POWER_LAW)
+    assert source.structure_constants(10.0) == pytest.approx(
+        (plain.sigma**2 * 100 / plain.unit_variance, 0), rel=POWER_LAW
+    )
     rescaled, _ = cube(device, tmp_path, spectrum="table", file="s.csv", sigma_percent=15.0)
     assert rescaled.std() == pytest.approx(0.15, rel=1e-6)
     assert np.corrcoef(rescaled.ravel(), expected.ravel())[0, 1] > 1 - 1e-6
 
 
 def test_the_measured_spectrum_makes_measured_air(tmp_path):
-    """The scene written of a record, with the table for its law: the virtual hygrometer reads the record's C_q^2."""
+    """The scene written of a record, with the table for its law.
+
+    The virtual hygrometer reads the record's C_q^2.
+    """
     record = study([RECORD], scene=tmp_path / "air.toml")
     text = (tmp_path / "air.toml").read_text(encoding="utf-8")
-    kept = [line for line in text.splitlines() if not line.startswith(("outer_scale_m", "structure_constant_q", "spectrum ="))]
-    text = "\n".join(kept).replace('# spectrum = "table"', 'spectrum = "table"').replace("# file =", "file =")
+    kept = [
+        line
+        for line in text.splitlines()
+        if not line.startswith(("outer_scale_m", "structure_constant_q", "spectrum ="))
+    ]
+    text = (
+        "\n".join(kept)
+        .replace('# spectrum = "table"', 'spectrum = "table"')
+        .replace("# file =", "file =")
+    )
     (tmp_path / "table.toml").write_text(text, encoding="utf-8")
     found = [
-        study_virtual(write_seed(tmp_path, text, seed))["structure_constant_q"] / record["structure_constant_q"]
+        study_virtual(write_seed(tmp_path, text, seed))["structure_constant_q"]
+        / record["structure_constant_q"]
         for seed in range(4)
     ]
-    assert np.mean(found) == pytest.approx(0.93, abs=0.2)  # the discrete field's own deficit, and four seeds' scatter
+    assert np.mean(found) == pytest.approx(
+        0.93, abs=0.2
+    )  # the discrete field's own deficit, and four seeds' scatter
 
 
 def write_seed(folder, text, seed):
@@ -97,9 +128,15 @@ def write_seed(folder, text, seed):
 
 WRONG = {
     "no such file": (None, "s.csv: cannot be read"),
-    "one column": ("1\n2\n3\n", "3 rows of 1 columns; give 3 rows at least of spatial frequency and density"),
+    "one column": (
+        "1\n2\n3\n",
+        "3 rows of 1 columns; give 3 rows at least of spatial frequency and density",
+    ),
     "too short": ("1,2\n2,1\n", "2 rows of 2 columns"),
-    "negative": ("1,2\n2,-1\n3,1\n", "spatial frequencies must be above 0 and ascend, densities be above 0"),
+    "negative": (
+        "1,2\n2,-1\n3,1\n",
+        "spatial frequencies must be above 0 and ascend, densities be above 0",
+    ),
     "not ascending": ("1,3\n3,2\n2,1\n", "spatial frequencies must be above 0 and ascend"),
     "rising": ("1,1\n2,2\n3,3\n", "the density does not fall with spatial frequency"),
     "words": ("f,d\n1,3\nx,2\n", "s.csv:3: not comma-separated numbers"),
@@ -120,12 +157,20 @@ def test_each_wrong_table_has_its_message(tmp_path, case):
     ("more", "expected"),
     [
         ({"spectrum": "table"}, 'spectrum = "file" or "table" and file = "..." go together'),
-        ({"spectrum": "table", "file": "s.csv", "structure_constant_q": 1.0}, "is given by the table; remove it, or rescale"),
-        ({"spectrum": "file", "file": "s.nc", "sigma_percent": 1.0}, "is given by the cube; remove it"),
+        (
+            {"spectrum": "table", "file": "s.csv", "structure_constant_q": 1.0},
+            "is given by the table; remove it, or rescale",
+        ),
+        (
+            {"spectrum": "file", "file": "s.nc", "sigma_percent": 1.0},
+            "is given by the cube; remove it",
+        ),
         ({}, "needs one of sigma_percent, structure_constant_q or file"),
     ],
 )
 def test_what_goes_with_what(tmp_path, more, expected):
     with pytest.raises(ScenarioError) as caught:
-        pipeline.prepare(write(tmp_path, scene(atmosphere__fluctuations={"voxel_m": 0.5, "seed": 1} | more)))
+        pipeline.prepare(
+            write(tmp_path, scene(atmosphere__fluctuations={"voxel_m": 0.5, "seed": 1} | more))
+        )
     assert len(caught.value.problems) == 1 and expected in caught.value.problems[0]

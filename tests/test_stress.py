@@ -9,9 +9,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from thzcl import accuracy, bands, compute, field, geometry, radiometry, turbulence
-from thzcl.absorption import surrogate
-from thzcl.stress import cases, examine
+from thzcl.air import radiometry, surrogate
+from thzcl.plan import compute
+from thzcl.plan import numerics as accuracy
+from thzcl.sensing import bands
+from thzcl.studies.stress import cases, examine
+from thzcl.surfaces import geometry
+from thzcl.turbulence import cube as field
+from thzcl.turbulence import spectra as turbulence
 
 CASES = {case.name: case for case in cases()}
 LEAST_DEPTH = 10.0  # of a voxel, where lines are saturated
@@ -23,14 +28,19 @@ def outcomes(names):
 
 
 def test_every_case_passes_by_command(thzcl_command):
-    """With the bounds that the issue allows: none looser than 1e-4, most of float32 at 1e-6, of float64 at 1e-12."""
+    """With the bounds that the issue allows: none looser than 1e-4, most of float32 at 1e-6.
+
+    Of float64 at 1e-12.
+    """
     done = thzcl_command("stress", "--format", "json")
     assert done.returncode == 0, done.stderr
     found = json.loads(done.stdout)["cases"]
     assert all(case["passed"] for case in found)
     assert {name.split(": ")[0] for name in (case["name"] for case in found)} == set(CASES)
     assert set(found[0]) == {"name", "measured", "reference", "error", "bound", "passed"}
-    single, double = ([c["bound"] for c in found if c["name"].endswith(kind)] for kind in ("float32", "float64"))
+    single, double = (
+        [c["bound"] for c in found if c["name"].endswith(kind)] for kind in ("float32", "float64")
+    )
     assert max(single) <= 1e-4
     assert sum(bound <= 1e-6 for bound in single) > 0.9 * len(single)
     assert sum(bound <= 1e-12 for bound in double) > len(double) / 2
@@ -40,8 +50,8 @@ def test_every_case_passes_by_command(thzcl_command):
 def test_saturated_lines_are_as_deep_as_they_should_be(line):
     """Ten and more a voxel, a thousand and more in all: else the case would not be stiff."""
     seen = []
-    from thzcl.stress import judges
-    from thzcl.stress.trial import Case
+    from thzcl.studies.stress import judges
+    from thzcl.studies.stress.trial import Case
 
     def look(run):
         seen.append((run.truth.thinnest_voxel, run.truth.optical_depth.min()))
@@ -53,7 +63,8 @@ def test_saturated_lines_are_as_deep_as_they_should_be(line):
     assert seen[0][1] > WHOLE_DEPTH
 
 
-# --- without the remedies ---------------------------------------------------------------------------------------------------
+# --- without the remedies
+# ---------------------------------------------------------------------------------------------------
 
 
 @contextmanager
@@ -88,17 +99,27 @@ def python_without(module, name, naive):
 
 
 def subtracted(frequency_hz, temperature_k, reference_k):
-    return radiometry.planck(frequency_hz, temperature_k) - radiometry.planck(frequency_hz, reference_k)
+    return radiometry.planck(frequency_hz, temperature_k) - radiometry.planck(
+        frequency_hz, reference_k
+    )
 
 
 def rayleigh_jeans(frequency_hz, temperature_k, reference_k):
     difference = np.asarray(temperature_k, float) - reference_k
-    return 2 * radiometry.BOLTZMANN * (np.asarray(frequency_hz) / radiometry.LIGHT_SPEED) ** 2 * difference
+    return (
+        2
+        * radiometry.BOLTZMANN
+        * (np.asarray(frequency_hz) / radiometry.LIGHT_SPEED) ** 2
+        * difference
+    )
 
 
 def plain_occupation(frequency_hz, temperature_k):
     with np.errstate(divide="ignore", over="ignore"):
-        return 1 / (np.exp(radiometry.photon_temperature(frequency_hz) / np.asarray(temperature_k, float)) - 1)
+        return 1 / (
+            np.exp(radiometry.photon_temperature(frequency_hz) / np.asarray(temperature_k, float))
+            - 1
+        )
 
 
 def first_degree(_values, series, _tolerance, _moments):
@@ -135,10 +156,14 @@ CROSSINGS = kernel_without, ("march.cl", "a->following = TO_REALS(a->crossings) 
                              "a->following += crossed ? a->step : (reals)0;")  # fmt: skip
 ABSOLUTE = kernel_without, ("shade.cl", "STORE(source * exp(-tau),",
                             "STORE(((source + 3.6e-14f) * exp(-tau) + 3.6e-14f * (1.0f - exp(-tau))) - 3.6e-14f,")  # fmt: skip
-EMISSION = kernel_without, ("emission.cl", "STORE(contrast[f] +", "STORE(((contrast[f] + 3.6e-14f) - 3.6e-14f) +")
+EMISSION = (
+    kernel_without,
+    ("emission.cl", "STORE(contrast[f] +", "STORE(((contrast[f] + 3.6e-14f) - 3.6e-14f) +"),
+)
 THIN = kernel_without, ("emission.cl", "#ifdef THIN", "#if 1")
 WARM = [
-    f"temperature fluctuating{name}" for name in (" by 20 K", " by 0.1 mK", ", 10 m through voxels of 1 mm", ", depth of 1e-12")
+    f"temperature fluctuating{name}"
+    for name in (" by 20 K", " by 0.1 mK", ", 10 m through voxels of 1 mm", ", depth of 1e-12")
 ]
 SATURATED = [f"{line} GHz saturated" for line in ("183.31", "556.936", "752.033", "987.927")]
 REMEDIES = {
@@ -245,7 +270,12 @@ def test_cases_fail_without_their_remedy(remedy):
 
 
 def test_a_microkelvin_is_a_difference_of_its_own():
-    """Radiances subtracted in float64 leave it eight digits: enough for float32, not for float64."""
+    """Radiances subtracted in float64 leave it eight digits: enough for float32.
+
+    Not for float64.
+    """
     with python_without(radiometry, "planck_difference", subtracted):
-        found = {o.name.rpartition(" ")[2]: o.passed for o in outcomes(["contrast of 1 microkelvin"])}
+        found = {
+            o.name.rpartition(" ")[2]: o.passed for o in outcomes(["contrast of 1 microkelvin"])
+        }
     assert found == {"float32": True, "float64": False}

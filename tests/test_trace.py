@@ -1,4 +1,7 @@
-"""Traced depths, lengths and surfaces against the oracle, ray by ray, on the field that the run itself saved."""
+"""Traced depths, lengths and surfaces against the oracle, ray by ray.
+
+On the field that the run itself saved.
+"""
 
 from __future__ import annotations
 
@@ -7,8 +10,8 @@ import oracle
 import pytest
 from scenes import run, scene
 
-from thzcl import trace
-from thzcl.geometry import ROTATIONS
+from thzcl.paths import trace
+from thzcl.surfaces.geometry import ROTATIONS
 
 # Of the image's largest depth: what float32 leaves along some hundred voxels, and float64.
 RMS = {"float32": 5e-7, "float64": 1e-11}
@@ -22,9 +25,16 @@ def expected(data, result):
         camera["position_m"], camera["look_at_m"], camera["focal_length_mm"], camera["focal_plane_mm"], camera["pixels"],
         camera.get("up", (0, 0, 1)),
     )  # fmt: skip
-    boxes = [oracle.Box(b["center_m"], b["size_m"], b.get("yaw_deg", 0)) for b in data.get("targets", {}).values()]
+    boxes = [
+        oracle.Box(b["center_m"], b["size_m"], b.get("yaw_deg", 0))
+        for b in data.get("targets", {}).values()
+    ]
     width, height = camera["pixels"]
-    depth, length, target = np.zeros((height, width)), np.zeros((height, width)), np.zeros((height, width), int)
+    depth, length, target = (
+        np.zeros((height, width)),
+        np.zeros((height, width)),
+        np.zeros((height, width), int),
+    )
     cube = result.cubes[0]
     rotation = ROTATIONS[atmosphere["fluctuations"].get("grid_orientation", "oblique")]
     origin = np.array(camera["position_m"], float)
@@ -40,7 +50,11 @@ def expected(data, result):
             if hit and hit[0] < far:
                 far, what = hit[0], number + 2
         k, metres = oracle.path(absorption, origin, direction, far, cube.voxel_m, rotation)
-        depth[row, column], length[row, column], target[row, column] = k @ metres, metres.sum(), what
+        depth[row, column], length[row, column], target[row, column] = (
+            k @ metres,
+            metres.sum(),
+            what,
+        )
     return depth, length, target
 
 
@@ -109,7 +123,10 @@ def test_awkward_rays(tmp_path, view, orientation, precision):
 
 
 def test_a_voxel_spans_from_its_index_up(tmp_path):
-    """Aligned: voxel [iz, iy, ix] spans [i h, (i + 1) h) from the world's origin, periodically, whichever way a ray runs."""
+    """Aligned: voxel [iz, iy, ix] spans [i h, (i + 1) h) from the world's origin, periodically.
+
+    Whichever way a ray runs.
+    """
     n, h = 16, 0.5
     rng = np.random.default_rng(5)
     cube = rng.uniform(5.0, 15.0, (n, n, n))
@@ -121,7 +138,11 @@ def test_a_voxel_spans_from_its_index_up(tmp_path):
                 camera__position_m=[0.25, 1.0, z],
                 camera__look_at_m=[0.25 + ahead, 1.0, z],
                 camera__pixels=[1, 1],
-                atmosphere__fluctuations={"spectrum": "file", "file": "cube.nc", "grid_orientation": "aligned"},
+                atmosphere__fluctuations={
+                    "spectrum": "file",
+                    "file": "cube.nc",
+                    "grid_orientation": "aligned",
+                },
                 targets={},
                 ground=None,
                 background__max_range_m=3.0,
@@ -138,7 +159,9 @@ def write_cube(path, humidity, voxel_m, **more):
 
     with h5netcdf.File(path, "w") as file:
         file.dimensions = dict(zip("zyx", humidity.shape, strict=True))
-        file.create_variable("absolute_humidity", ("z", "y", "x"), data=humidity).attrs["voxel_m"] = voxel_m
+        file.create_variable("absolute_humidity", ("z", "y", "x"), data=humidity).attrs[
+            "voxel_m"
+        ] = voxel_m
         for name, values in more.items():
             file.create_variable(name, ("z", "y", "x"), data=values)
 
@@ -148,18 +171,26 @@ def test_segments_are_voxels_crossed_over_positive_length(tmp_path):
     result = run(tmp_path, data)
     sight, total = result.variants[0].radiances, 0
     lens = oracle.Camera(
-        *(data["camera"][k] for k in ("position_m", "look_at_m", "focal_length_mm", "focal_plane_mm", "pixels"))
+        *(
+            data["camera"][k]
+            for k in ("position_m", "look_at_m", "focal_length_mm", "focal_plane_mm", "pixels")
+        )
     )
     for row, column in np.ndindex(15, 20):
         o = ROTATIONS["oblique"] @ np.array(data["camera"]["position_m"]) / 0.7
         length = float(sight.path_length[row, column]) / 0.7
         _, lengths = oracle.segments(o, ROTATIONS["oblique"] @ lens.ray(row, column), length, 32)
         total += int((lengths > 1e-6).sum())
-    assert result.voxel_segments == pytest.approx(total, abs=3)  # a path length rounds across a face now and then
+    assert result.voxel_segments == pytest.approx(
+        total, abs=3
+    )  # a path length rounds across a face now and then
 
 
 def test_stripes_are_counted_from_the_left(tmp_path):
-    """Every face, seen from outside: the first, third, ... stripe from the left has the bars' temperature."""
+    """Every face, seen from outside: the first, third, ...
+
+    Stripe from the left has the bars' temperature.
+    """
     views = {
         "-x": [-6, 0, 1.5],
         "+x": [6, 0, 1.5],
@@ -183,7 +214,10 @@ def test_stripes_are_counted_from_the_left(tmp_path):
         )  # fmt: skip
         seen = run(tmp_path, data).variants[0].radiances.brightness_temperature[0]
         lens = oracle.Camera(
-            *(data["camera"][k] for k in ("position_m", "look_at_m", "focal_length_mm", "focal_plane_mm", "pixels"))
+            *(
+                data["camera"][k]
+                for k in ("position_m", "look_at_m", "focal_length_mm", "focal_plane_mm", "pixels")
+            )
         )
         box = oracle.Box((0, 0, 0), (2.0, 2.5, 1.5))
         axis, sign = "xyz".index(face[1]), 1 if face[0] == "+" else -1
@@ -211,18 +245,38 @@ def test_samples_average_radiance_over_each_pixel(tmp_path):
 
 
 def test_row_zero_is_the_top_and_column_zero_the_left(tmp_path):
-    """Looking along +x with z up, y increases to the left: a box up and to the left is in the first quadrant of the array."""
-    box = {"kind": "box", "center_m": [20.0, 4.0, 8.0], "size_m": [1.0, 1.0, 1.0], "temperature_k": 300.0}
-    data = scene(camera__position_m=[0.0, 0.0, 5.0], camera__look_at_m=[20.0, 0.0, 5.0], targets={"box": box})
+    """Looking along +x with z up, y increases to the left.
+
+    A box up and to the left is in the first quadrant of the array.
+    """
+    box = {
+        "kind": "box",
+        "center_m": [20.0, 4.0, 8.0],
+        "size_m": [1.0, 1.0, 1.0],
+        "temperature_k": 300.0,
+    }
+    data = scene(
+        camera__position_m=[0.0, 0.0, 5.0], camera__look_at_m=[20.0, 0.0, 5.0], targets={"box": box}
+    )
     target = run(tmp_path, data).variants[0].radiances.target
     rows, columns = np.nonzero(target == 2)
     assert rows.max() < 6 and columns.max() < 8
 
 
 def test_the_cut_off_ends_rays_and_changes_nothing_else(tmp_path):
-    """A ray past the cut-off keeps its depth and path so far and meets nothing; the others are as without it."""
-    deep = scene(atmosphere__relative_humidity_percent=100.0, sensor__frequency_ghz=556.936, ground=None, targets={})
-    far = scene(numerics={"cutoff_depth": 1e9}, sensor__frequency_ghz=556.936, ground=None, targets={})
+    """A ray past the cut-off keeps its depth and path so far and meets nothing.
+
+    The others are as without it.
+    """
+    deep = scene(
+        atmosphere__relative_humidity_percent=100.0,
+        sensor__frequency_ghz=556.936,
+        ground=None,
+        targets={},
+    )
+    far = scene(
+        numerics={"cutoff_depth": 1e9}, sensor__frequency_ghz=556.936, ground=None, targets={}
+    )
     far["atmosphere"] = deep["atmosphere"]
     cut = run(tmp_path, deep)
     whole = run(tmp_path, far).variants[0].radiances
@@ -231,10 +285,18 @@ def test_the_cut_off_ends_rays_and_changes_nothing_else(tmp_path):
     assert np.all(sight.target == 0)
     assert np.all(sight.path_length < whole.path_length)
     assert np.all(sight.optical_depth >= 16)
-    assert np.all(sight.optical_depth < 16 + 17 * 0.7 * np.sqrt(3) * 2.5 * whole.optical_depth.max() / 90)
-    assert np.abs(sight.contrast - whole.contrast).max() == 0  # isothermal, background at air temperature
+    assert np.all(
+        sight.optical_depth < 16 + 17 * 0.7 * np.sqrt(3) * 2.5 * whole.optical_depth.max() / 90
+    )
+    assert (
+        np.abs(sight.contrast - whole.contrast).max() == 0
+    )  # isothermal, background at air temperature
     shallow = run(tmp_path, scene()).variants[0].radiances
-    guarded = run(tmp_path, scene(numerics={"cutoff_depth": shallow.optical_depth.max() * 0.6})).variants[0].radiances
+    guarded = (
+        run(tmp_path, scene(numerics={"cutoff_depth": shallow.optical_depth.max() * 0.6}))
+        .variants[0]
+        .radiances
+    )
     kept = guarded.path_length == shallow.path_length
     assert 0 < kept.sum() < kept.size
     assert np.array_equal(guarded.optical_depth[0][kept], shallow.optical_depth[0][kept])
@@ -243,7 +305,10 @@ def test_the_cut_off_ends_rays_and_changes_nothing_else(tmp_path):
 
 @pytest.mark.parametrize("precision", ["float32", "float64"])
 def test_bands_far_apart_do_not_disturb_each_other(device, precision):
-    """One lets everything pass, the other nothing: what is no part of a band, however deep or thin, is worth nothing in it."""
+    """One lets everything pass, the other nothing: what is no part of a band.
+
+    However deep or thin, is worth nothing in it.
+    """
     rays = 128
     length = device.put(np.linspace(1, 2000, rays), precision)
     surface, blend = device.put(np.zeros(rays, np.int32)), device.empty((1,), precision)

@@ -1,4 +1,7 @@
-"""The closed loop: a transect through a generated cube, read back by the analysis that reads measured records."""
+"""The closed loop: a transect through a generated cube.
+
+Read back by the analysis that reads measured records.
+"""
 
 from __future__ import annotations
 
@@ -9,8 +12,8 @@ import pytest
 from hygrometer import ONE_SIDED
 from scenes import scene, write
 
-from thzcl.fluctuations import virtual
-from thzcl.fluctuations.study import study_virtual
+from thzcl.records import virtual
+from thzcl.records.study import study_virtual
 
 GRID, VOXEL_M, CONSTANT, SEEDS = 128, 0.5, 0.04, 16
 ROUNDING = 1e-12
@@ -40,7 +43,10 @@ def test_a_transect_passes_every_row():
 
 
 def discrete(low, high):
-    """C^2 and slope that the discrete field has along the transect: its waves by their frequency along the line."""
+    """C^2 and slope that the discrete field has along the transect.
+
+    Its waves by their frequency along the line.
+    """
     k = np.fft.fftfreq(GRID, 1 / GRID)
     kz, ky, kx = np.meshgrid(k, k, k, indexing="ij")
     p, q = (climb / GRID for climb in virtual.rise(GRID))
@@ -57,7 +63,10 @@ def discrete(low, high):
 
 
 def test_the_loop_closes(tmp_path):
-    """C_q^2 and slope over seeds are the discrete field's own: some 6 % less than the open air's, and a little steeper."""
+    """C_q^2 and slope over seeds are the discrete field's own: some 6 % less than the open air's.
+
+    And a little steeper.
+    """
     ratios, slopes = [], []
     for seed in range(SEEDS):
         found = study_virtual(write(tmp_path, air(seed)))
@@ -71,7 +80,10 @@ def test_the_loop_closes(tmp_path):
 
 
 def test_temperature_and_correlation_close_too(tmp_path):
-    found = [study_virtual(write(tmp_path, air(seed, structure_constant_t=0.02, correlation_tq=0.6))) for seed in range(8)]
+    found = [
+        study_virtual(write(tmp_path, air(seed, structure_constant_t=0.02, correlation_tq=0.6)))
+        for seed in range(8)
+    ]
     correlation = [one["correlation_tq"] for one in found]
     assert abs(np.mean(correlation) - 0.6) < 3 * np.std(correlation) / math.sqrt(8) + 0.02
     ratio = [one["structure_constant_t"] / one["structure_constant_q"] for one in found]

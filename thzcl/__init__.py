@@ -16,7 +16,7 @@ if not _Path(__file__).with_name("sensors").is_dir() and (_root / "pyproject.tom
 
 if TYPE_CHECKING:
     from thzcl.pipeline import run
-    from thzcl.result import Result
+    from thzcl.results.result import Result
 
 __all__ = ["Result", "run"]
 
@@ -25,7 +25,7 @@ def __getattr__(name: str) -> Any:
     """Imports what is asked for, when it is asked for."""
     from importlib import import_module
 
-    modules = {"run": "thzcl.pipeline", "Result": "thzcl.result"}
+    modules = {"run": "thzcl.pipeline", "Result": "thzcl.results.result"}
     if name not in modules:
         raise AttributeError(f"module 'thzcl' has no attribute {name!r}")
     return getattr(import_module(modules[name]), name)

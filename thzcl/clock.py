@@ -19,7 +19,10 @@ class Clock:
     _prefix: str = ""
 
     def counted(self, number: int, of: int) -> None:
-        """Says how far a long piece of work has come: before every stage, `number` of `of` is shown from now on."""
+        """Says how far a long piece of work has come: before every stage.
+
+        `number` of `of` is shown from now on.
+        """
         filled = round(20 * number / of)
         self._prefix = f"[{'#' * filled}{'.' * (20 - filled)}] {number} of {of}: "
 

@@ -17,15 +17,23 @@ LARGEST_TABLE = 64_000_000  # bytes
 
 
 def make_folder(folder: Path) -> None:
-    """Makes sure that files can be written to a folder, before work is spent on them. Raises OSError."""
+    """Makes sure that files can be written to a folder, before work is spent on them.
+
+    Raises OSError.
+    """
     folder.mkdir(parents=True, exist_ok=True)
     with NamedTemporaryFile(dir=folder, prefix=".thzcl."):
         pass
 
 
 def write_whole(path: Path, write: Callable[[Path], object]) -> None:
-    """Has `write` fill a temporary file beside `path`, which takes its place only when whole. Raises OSError."""
-    with NamedTemporaryFile(dir=path.parent, prefix=f".{path.name}.", suffix=path.suffix, delete=False) as file:
+    """Has `write` fill a temporary file beside `path`, which takes its place only when whole.
+
+    Raises OSError.
+    """
+    with NamedTemporaryFile(
+        dir=path.parent, prefix=f".{path.name}.", suffix=path.suffix, delete=False
+    ) as file:
         part = Path(file.name)
     try:
         write(part)
@@ -93,10 +101,15 @@ class Patient(io.RawIOBase):
 
 
 def inside(folder: Path, name: str, *, allow_outside: bool) -> Path:
-    """The file of that name, seen from a folder; not outside of it unless allowed. Raises ValueError."""
+    """The file of that name, seen from a folder; not outside of it unless allowed.
+
+    Raises ValueError.
+    """
     path = folder / name
     if not allow_outside and not path.resolve().is_relative_to(folder.resolve()):
-        raise ValueError(f"{name}: leads out of the scenario's folder; move it there, or pass --allow-outside")
+        raise ValueError(
+            f"{name}: leads out of the scenario's folder; move it there, or pass --allow-outside"
+        )
     return path
 
 
@@ -109,10 +122,14 @@ def read_table(path: Path) -> NDArray[np.float64]:
 
     try:
         if path.stat().st_size > LARGEST_TABLE:
-            raise ValueError(f"{path}: larger than {LARGEST_TABLE / 1e6:g} MB; give a shorter table")
+            raise ValueError(
+                f"{path}: larger than {LARGEST_TABLE / 1e6:g} MB; give a shorter table"
+            )
         lines = path.read_text(encoding="utf-8").splitlines()
     except OSError as error:
-        raise ValueError(f"{path}: cannot be read: {error.strerror}; paths start from the scenario's folder") from None
+        raise ValueError(
+            f"{path}: cannot be read: {error.strerror}; paths start from the scenario's folder"
+        ) from None
     except UnicodeDecodeError:
         raise ValueError(f"{path}: not a text file; give comma-separated numbers") from None
     rows: list[list[float]] = []
@@ -124,11 +141,15 @@ def read_table(path: Path) -> NDArray[np.float64]:
             row = [float(cell) for cell in line.split(",")]
         except ValueError:
             if rows or named:
-                raise ValueError(f"{path}:{number}: not comma-separated numbers: {line.strip()[:60]}") from None
+                raise ValueError(
+                    f"{path}:{number}: not comma-separated numbers: {line.strip()[:60]}"
+                ) from None
             named = True
             continue
         if rows and len(row) != len(rows[0]):
-            raise ValueError(f"{path}:{number}: {len(row)} columns, the lines before have {len(rows[0])}")
+            raise ValueError(
+                f"{path}:{number}: {len(row)} columns, the lines before have {len(rows[0])}"
+            )
         rows.append(row)
     if not rows:
         raise ValueError(f"{path}: holds no numbers; give comma-separated columns")

@@ -16,21 +16,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 import thzcl
-from thzcl import checks, overview, plugins, scenario
+from thzcl import scenario
 from thzcl.clock import Clock, Progress
-from thzcl.geometry import FIRST_TARGET, ROTATIONS
-from thzcl.plan import Plan, PlanError, VariantPlan, make_plan
-from thzcl.result import Cube, Result, VariantResult
+from thzcl.plan import checks
+from thzcl.plan.plan import Plan, PlanError, VariantPlan, make_plan
+from thzcl.plan import report as overview
+from thzcl.plugins import loader as plugins
+from thzcl.results.result import Cube, Result, VariantResult
 from thzcl.scenario import ScenarioError
 from thzcl.sensor import Echoes, Radiances
+from thzcl.surfaces.geometry import FIRST_TARGET, ROTATIONS
 
 if TYPE_CHECKING:
-    from thzcl.absorption import Surrogate
-    from thzcl.budget import Part
-    from thzcl.device import Device
-    from thzcl.exposure import Exposed, Known
-    from thzcl.field import Field
-    from thzcl.linker import Helper
+    from thzcl.air.expansion import Surrogate
+    from thzcl.device.linker import Helper
+    from thzcl.device.opencl import Device
+    from thzcl.error.budget import Part
+    from thzcl.plan.exposure import Exposed, Known
+    from thzcl.turbulence.cube import Field
 
 Sight = Radiances | Echoes
 Array = NDArray[np.float64]
@@ -95,8 +98,8 @@ def run(
     with clock.stage("plan"):
         plan = prepare(source, settings, variants, allow_outside=allow_outside)
     with clock.stage("device"):
-        from thzcl.compute import recipes
-        from thzcl.device import open_device
+        from thzcl.device.opencl import open_device
+        from thzcl.plan.compute import recipes
 
         opened = open_device(device, recipes(plan), helper)
     return compute_images(plan, opened, clock, figure=figure)
@@ -116,21 +119,30 @@ def compute_images(plan: Plan, device: Device, clock: Clock, *, figure: bool = F
     return _ensemble(plan, device, seen, lines, result, clock)
 
 
-def _images(plan: Plan, seen: Mapping[str, Seen], result: Result, realization: int) -> Iterator[VariantResult]:
+def _images(
+    plan: Plan, seen: Mapping[str, Seen], result: Result, realization: int
+) -> Iterator[VariantResult]:
     """Every variant as its sensor records it."""
     for number, variant in enumerate(plan.variants):
         sight = seen[variant.name].sight
         checks.finite(variant, sight, result)
         key = [result.seed, realization * len(plan.variants) + number]
         start = time.perf_counter()
-        image = checks.observe(variant, sight, np.random.Generator(np.random.Philox(key=key)), result)
+        image = checks.observe(
+            variant, sight, np.random.Generator(np.random.Philox(key=key)), result
+        )
         result.seconds["sensor"] = result.seconds.get("sensor", 0.0) + time.perf_counter() - start
         yield VariantResult(variant.name, sight, image)
 
 
-def _ensemble(plan: Plan, device: Device, seen: dict[str, Seen], lines: Known, result: Result, clock: Clock) -> Result:
-    """The mean over independent realisations of the air, with variance and spread; `seen` is the first."""
-    from thzcl.ensemble import Ensemble, realization
+def _ensemble(
+    plan: Plan, device: Device, seen: dict[str, Seen], lines: Known, result: Result, clock: Clock
+) -> Result:
+    """The mean over independent realisations of the air, with variance and spread.
+
+    `seen` is the first.
+    """
+    from thzcl.studies.ensemble import Ensemble, realization
 
     kept, crossed = {variant.name: Ensemble() for variant in plan.variants}, 0
     for number in range(plan.realizations):
@@ -145,12 +157,15 @@ def _ensemble(plan: Plan, device: Device, seen: dict[str, Seen], lines: Known, r
     return replace(result, variants=means, voxel_segments=crossed)
 
 
-def _see(plan: Plan, device: Device, clock: Clock, lines: Known, *, budget: bool = True) -> dict[str, Seen]:
+def _see(
+    plan: Plan, device: Device, clock: Clock, lines: Known, *, budget: bool = True
+) -> dict[str, Seen]:
     """What every variant's camera sees, by name."""
-    from thzcl import compute
-    from thzcl.exposure import expose
+    from thzcl.plan.exposure import expose
+    from thzcl.plan import compute
 
-    # With all cores SciPy transforms twice as fast; for a few cubes that does not make up for its import.
+    # With all cores SciPy transforms twice as fast; for a few cubes that does not make up for its
+    # import.
     library = "scipy" if device.in_place and plan.realizations >= MANY else None
     make = partial(compute.make_field, library=library)
     seen: dict[str, Seen] = {}
@@ -171,13 +186,17 @@ def _measured(device: Device, plan: Plan, exposed: Exposed, clock: Clock) -> Map
     first = [of_one[0] for of_one in exposed.captures]
     if not first[0].variant.scene.numerics.error_budget:
         return {}
-    from thzcl import budget
+    from thzcl.error import budget
 
     with clock.stage("error-budget"):
-        return budget.measure(device, exposed.cube, exposed.lines, first, exposed.sights, plan.scenario.seed)
+        return budget.measure(
+            device, exposed.cube, exposed.lines, first, exposed.sights, plan.scenario.seed
+        )
 
 
-def _result(plan: Plan, device: Device, seen: Mapping[str, Seen], clock: Clock, figure: bool) -> Result:
+def _result(
+    plan: Plan, device: Device, seen: Mapping[str, Seen], clock: Clock, figure: bool
+) -> Result:
     """Everything but the images."""
     first = plan.variants[0]
     names = ("background", "ground", *max((v.scene.targets for v in plan.variants), key=len))
@@ -208,8 +227,15 @@ def _result(plan: Plan, device: Device, seen: Mapping[str, Seen], clock: Clock, 
 
 
 def _errors(plan: Plan, seen: Mapping[str, Seen]) -> dict[str, dict[str, Any]]:
-    """What is known of the errors made, by part: of the fit and by the sensors' word, and as measured where that is wanted."""
-    found = {"absorption-fit": max((one.surrogate.measured, "of the mean absorption") for one in seen.values())}
+    """What is known of the errors made, by part: of the fit and by the sensors' word.
+
+    And as measured where that is wanted.
+    """
+    found = {
+        "absorption-fit": max(
+            (one.surrogate.measured, "of the mean absorption") for one in seen.values()
+        )
+    }
     for variant in plan.variants:
         for part, error in variant.needs.errors.items():
             found[part] = max(error, found.get(part, error))
@@ -219,7 +245,10 @@ def _errors(plan: Plan, seen: Mapping[str, Seen]) -> dict[str, dict[str, Any]]:
     for one in seen.values():
         for name, measured in one.errors.items():
             parts[name] = type(measured)(*map(max, measured, parts.get(name, measured)))
-    return known | {name: {"rms": p.rms, "max": p.max, "unit": unit, "relative": p.relative} for name, p in parts.items()}
+    return known | {
+        name: {"rms": p.rms, "max": p.max, "unit": unit, "relative": p.relative}
+        for name, p in parts.items()
+    }
 
 
 def _missed(plan: Plan, seen: Mapping[str, Seen]) -> list[str]:
@@ -229,7 +258,9 @@ def _missed(plan: Plan, seen: Mapping[str, Seen]) -> list[str]:
         bearable, total = variant.scene.numerics.tolerance, seen[variant.name].errors.get("total")
         if bearable is not None and total is not None and total.relative > bearable:
             text = 'remove what [numerics] fixes, or set ray_stride = 1 and precision = "float64"'
-            found.append(f"{variant.name}: error of {total.relative:.1e} of the contrast, tolerance {bearable:g}; {text}")
+            found.append(
+                f"{variant.name}: error of {total.relative:.1e} of the contrast, tolerance {bearable:g}; {text}"
+            )
     return found
 
 
@@ -238,7 +269,9 @@ def _angles(camera: scenario.Camera) -> tuple[np.ndarray[Any, Any], np.ndarray[A
     (width, height), (columns, rows) = camera.focal_plane_mm, camera.pixels
     right = (np.arange(columns) + 0.5 - columns / 2) * width / columns
     up = (rows / 2 - np.arange(rows) - 0.5) * height / rows
-    return 1e3 * np.arctan2(right, camera.focal_length_mm), 1e3 * np.arctan2(up, camera.focal_length_mm)
+    return 1e3 * np.arctan2(right, camera.focal_length_mm), 1e3 * np.arctan2(
+        up, camera.focal_length_mm
+    )
 
 
 def _conditions(variant: VariantPlan, sight: Sight) -> tuple[str, ...]:
@@ -273,7 +306,11 @@ def _cubes(plan: Plan, seen: Mapping[str, Seen]) -> tuple[Cube, ...]:
             return ()
         air = variant.scene.atmosphere.air
         humidity = air.absolute_humidity_g_m3 * (1 + cube.delta.host().astype(np.float64))
-        warmth = None if cube.offset is None else air.temperature_k + cube.offset.host().astype(np.float64)
+        warmth = (
+            None
+            if cube.offset is None
+            else air.temperature_k + cube.offset.host().astype(np.float64)
+        )
         saved.append(Cube(humidity.astype(variant.precision), warmth, cube.voxel_m))
     same = len({(v.field, v.scene.atmosphere.air) for v in plan.variants}) == 1
     return tuple(saved[:1] if same else saved)
@@ -282,5 +319,9 @@ def _cubes(plan: Plan, seen: Mapping[str, Seen]) -> tuple[Cube, ...]:
 def versions() -> dict[str, str]:
     """Of thzcl, Python and the packages that numbers depend on."""
     own = {"thzcl": thzcl.__version__, "python": platform.python_version()}
-    # A package that is loaded tells its version at once; the metadata of one that is not take milliseconds to find.
-    return own | {name: getattr(sys.modules.get(name), "__version__", None) or version(name) for name in PACKAGES}
+    # A package that is loaded tells its version at once; the metadata of one that is not take
+    # milliseconds to find.
+    return own | {
+        name: getattr(sys.modules.get(name), "__version__", None) or version(name)
+        for name in PACKAGES
+    }

@@ -1,7 +1,7 @@
 """What a sensor plugin sees: the public contract between thzcl and its sensors, version 1.
 
-A sensor is a class with a `name`, the version of the `contract` it was written for, its parameters `Params`, a manual page
-as docstring, `needs()` and `observe()`:
+A sensor is a class with a `name`, the version of the `contract` it was written for, its parameters
+`Params`, a manual page as docstring, `needs()` and `observe()`:
 
     from thzcl.sensor import Image, Needs, Parameters, Sensor, hookimpl, parameter
 
@@ -24,8 +24,9 @@ as docstring, `needs()` and `observe()`:
     def register_sensors():
         return [Thermometer]
 
-It never sees OpenCL, files or the scene; `observe` is a pure function of what reaches the pixels and of the random numbers.
-`thzcl new-sensor NAME` writes a package around such a class that can be installed as it is.
+It never sees OpenCL, files or the scene; `observe` is a pure function of what reaches the pixels
+and of the random numbers. `thzcl new-sensor NAME` writes a package around such a class that can be
+installed as it is.
 """
 
 from __future__ import annotations
@@ -41,9 +42,10 @@ import pluggy
 from numpy.typing import ArrayLike, NDArray
 from pydantic import Field
 
-from thzcl import bands, radiometry
+from thzcl.air import radiometry
 from thzcl.scenario import Table as Parameters
 from thzcl.scenario import key as parameter
+from thzcl.sensing import bands
 
 __all__ = [
     "CONTRACT",
@@ -78,9 +80,13 @@ class Optics(Parameters):
     Applied to radiance (power, for an active sensor), at a gain of exactly 1 for a uniform scene.
     """
 
-    aperture_m: float | None = parameter(None, gt=0, unit="m", help="diameter of the circular aperture; none: no diffraction")
+    aperture_m: float | None = parameter(
+        None, gt=0, unit="m", help="diameter of the circular aperture; none: no diffraction"
+    )
     pixel: bool = parameter(True, help="average over the area of each pixel")
-    blur_mrad: float | None = parameter(None, gt=0, unit="mrad", help="full width at half maximum of a Gaussian blur")
+    blur_mrad: float | None = parameter(
+        None, gt=0, unit="mrad", help="full width at half maximum of a Gaussian blur"
+    )
 
 
 @dataclass(frozen=True)
@@ -95,7 +101,9 @@ class View:
     lines_hz: Array  # where its lines are
     line_width_hz: float  # and how wide, about
     table: Callable[[str], Array]  # rows of numbers of a CSV file beside the scenario
-    tolerance: float = bands.TOLERANCE  # bearable error of a sum over frequency, of what the shortest path lets through
+    tolerance: float = (
+        bands.TOLERANCE
+    )  # bearable error of a sum over frequency, of what the shortest path lets through
 
 
 @dataclass(frozen=True)
@@ -103,16 +111,28 @@ class Needs:
     """What must be computed for a sensor. What is not asked for is left out."""
 
     frequency_hz: ArrayLike  # one or several, ascending
-    weights: ArrayLike | None = None  # (band, frequency): only these sums over frequency; rows are normalised to 1
+    weights: ArrayLike | None = (
+        None  # (band, frequency): only these sums over frequency; rows are normalised to 1
+    )
     reflection: bool = False  # echoes of a transmitter instead of emission
-    transmitter_m: tuple[float, float, float] | None = None  # where it stands; at the camera if None
-    cutoff_depth: float | None = None  # one way; by default where the rest is worth 1e-7 of the air's radiance
+    transmitter_m: tuple[float, float, float] | None = (
+        None  # where it stands; at the camera if None
+    )
+    cutoff_depth: float | None = (
+        None  # one way; by default where the rest is worth 1e-7 of the air's radiance
+    )
     slant: bool = False  # the cosine between ray and surface normal
-    times_s: ArrayLike | None = None  # (sample, y, x): when each pixel is taken; samples are averaged
+    times_s: ArrayLike | None = (
+        None  # (sample, y, x): when each pixel is taken; samples are averaged
+    )
     optics: Optics | None = None
     noise: bool = False  # whether observe() draws random numbers
-    finer: tuple[ArrayLike, ArrayLike] | None = None  # frequencies and weights of the same bands, summed far more finely
-    errors: Mapping[str, tuple[float, str]] = field(default_factory=dict)  # known errors: part -> relative size, of what
+    finer: tuple[ArrayLike, ArrayLike] | None = (
+        None  # frequencies and weights of the same bands, summed far more finely
+    )
+    errors: Mapping[str, tuple[float, str]] = field(
+        default_factory=dict
+    )  # known errors: part -> relative size, of what
 
 
 @dataclass(frozen=True)
@@ -135,7 +155,10 @@ class _Sight:
 
 @dataclass(frozen=True)
 class Radiances(_Sight):
-    """What reaches each pixel. Radiance is held as contrast to that of the mean air, so that microkelvins survive."""
+    """What reaches each pixel. Radiance is held as contrast to that of the mean air.
+
+    So that microkelvins survive.
+    """
 
     contrast: NDArray[Any]  # W m-2 sr-1 Hz-1 above the air's
     air_radiance: Array  # (frequency,), W m-2 sr-1 Hz-1
@@ -152,12 +175,18 @@ class Radiances(_Sight):
         # A band's mean radiance differs a little from that at its mean frequency.
         share = radiometry.planck(self.frequency_hz, self.air_temperature_k) / self.air_radiance
         found = np.empty(self.contrast.shape)
-        for frequency, factor, plane, out in zip(self.frequency_hz, share, self.contrast, found, strict=True):
+        for frequency, factor, plane, out in zip(
+            self.frequency_hz, share, self.contrast, found, strict=True
+        ):
             flat, into = plane.ravel(), out.ravel()
-            for start in range(0, len(flat), _BLOCK):  # small enough for the cache: three times faster
+            for start in range(
+                0, len(flat), _BLOCK
+            ):  # small enough for the cache: three times faster
                 part = slice(start, start + _BLOCK)
                 contrast = flat[part] if factor == 1 else flat[part] * factor
-                into[part] = radiometry.brightness_temperature_contrast(frequency, contrast, self.air_temperature_k)
+                into[part] = radiometry.brightness_temperature_contrast(
+                    frequency, contrast, self.air_temperature_k
+                )
         return found
 
     @property
@@ -168,7 +197,10 @@ class Radiances(_Sight):
 
 @dataclass(frozen=True)
 class Echoes(_Sight):
-    """What comes back to each pixel of what a transmitter sends out; the optical depth is that of the way out and back."""
+    """What comes back to each pixel of what a transmitter sends out.
+
+    The optical depth is that of the way out and back.
+    """
 
     returned: NDArray[Any]  # reflectivity times transmission out and back, 1
     outgoing_length: NDArray[Any]  # (y, x), m, from the transmitter to what the pixel shows
@@ -218,7 +250,10 @@ class Sensor(ABC):
 
     @abstractmethod
     def needs(self, view: View) -> Needs:
-        """What must be computed. Raises ValueError where the parameters and the view do not fit together."""
+        """What must be computed.
+
+        Raises ValueError where the parameters and the view do not fit together.
+        """
 
     @abstractmethod
     def observe(self, sight: Any, rng: np.random.Generator) -> Image:

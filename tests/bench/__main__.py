@@ -13,28 +13,45 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # as in thzcl's own command: else NumPy's threads spin beside everything
+os.environ.setdefault(
+    "OPENBLAS_NUM_THREADS", "1"
+)  # as in thzcl's own command: else NumPy's threads spin beside everything
 
 import claims
 import comparison
 import guards
 import readme
 
-from thzcl import printing
-from thzcl.bench import surroundings
-from thzcl.device import open_device
+from thzcl.commands import printing
+from thzcl.device.opencl import open_device
+from thzcl.studies.bench import surroundings
 
 README = Path(__file__).parents[2] / "README.md"
 
 
 def main() -> None:
     """Measures, prints tables, and writes the records where they are wanted."""
-    parser = argparse.ArgumentParser(prog="tests/bench", description="Measure thzcl against others, and its claims.")
+    parser = argparse.ArgumentParser(
+        prog="tests/bench", description="Measure thzcl against others, and its claims."
+    )
     parser.add_argument("--repeat", type=int, default=7, help="runs to take the median of")
     parser.add_argument("--output", type=Path, metavar="FILE.json", help="write the records there")
-    parser.add_argument("--readme", action="store_true", help="write README's tables too; of everything, not --only some")
-    parser.add_argument("--guard", action="store_true", help="only ratios with generous bounds; fails where one is passed")
-    parser.add_argument("--only", default="", metavar="NAME", help="comparison, or the claims whose function's name holds this")
+    parser.add_argument(
+        "--readme",
+        action="store_true",
+        help="write README's tables too; of everything, not --only some",
+    )
+    parser.add_argument(
+        "--guard",
+        action="store_true",
+        help="only ratios with generous bounds; fails where one is passed",
+    )
+    parser.add_argument(
+        "--only",
+        default="",
+        metavar="NAME",
+        help="comparison, or the claims whose function's name holds this",
+    )
     given = parser.parse_args()
     device = open_device()
     if given.guard:
@@ -42,7 +59,11 @@ def main() -> None:
         _show_claims([record.as_json() for record in records])
         raise SystemExit(not all(record.met for record in records))
     rivals = {name: version(name) for name in ("numba", "mitsuba") if find_spec(name)}
-    found: dict[str, Any] = surroundings() | {"device": device.info.name, "repeat": given.repeat, "rivals": rivals}
+    found: dict[str, Any] = surroundings() | {
+        "device": device.info.name,
+        "repeat": given.repeat,
+        "rivals": rivals,
+    }
     if given.only in ("", "comparison"):
         found["comparison"] = comparison.compare(device, given.repeat)
         for one in found["comparison"]:
@@ -53,11 +74,15 @@ def main() -> None:
     found["claims"] = [record.as_json() for record in records]
     _show_claims(found["claims"])
     machine = found["machine"]
-    print(f"{device.info.name}; {machine['cores']} cores of {machine['processor']}; commit {found['commit']}")
+    print(
+        f"{device.info.name}; {machine['cores']} cores of {machine['processor']}; commit {found['commit']}"
+    )
     if given.output:
         given.output.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
     if given.readme and not given.only:
-        README.write_text(readme.replaced(README.read_text(encoding="utf-8"), found), encoding="utf-8")
+        README.write_text(
+            readme.replaced(README.read_text(encoding="utf-8"), found), encoding="utf-8"
+        )
 
 
 def _show(one: dict[str, Any]) -> None:
@@ -74,8 +99,18 @@ def _show(one: dict[str, Any]) -> None:
         for row in one["methods"]
     ]
     rows += [[name, "", "", "", "", "", "not installed"] for name in one["not_installed"]]
-    columns = ["", "time / ms", "G segments/s", "rms error of contrast", "x every ray", "x thinned", ""]
-    title = f"slide in voxels of {one['voxel_m']} m: {one['rays']} rays, {one['segments']:,} segments"
+    columns = [
+        "",
+        "time / ms",
+        "G segments/s",
+        "rms error of contrast",
+        "x every ray",
+        "x thinned",
+        "",
+    ]
+    title = (
+        f"slide in voxels of {one['voxel_m']} m: {one['rays']} rays, {one['segments']:,} segments"
+    )
     printing.table(title, columns, rows)
 
 

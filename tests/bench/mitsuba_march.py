@@ -38,13 +38,22 @@ def _scene(mi, setting) -> dict:
     scene = setting.variant.scene
     shining = {"type": "area", "radiance": {"type": "rgb", "value": 1.0}}
     box = scene.targets["box"]
-    placed = mi.ScalarTransform4f().translate(box.center_m).rotate([0, 0, 1], box.yaw_deg).scale([s / 2 for s in box.size_m])
+    placed = (
+        mi.ScalarTransform4f()
+        .translate(box.center_m)
+        .rotate([0, 0, 1], box.yaw_deg)
+        .scale([s / 2 for s in box.size_m])
+    )
     return {
         "type": "scene",
         "integrator": {"type": "volpath", "max_depth": 4, "rr_depth": 1000},
         "air": _air(mi, setting),
         "sensor": _sensor(mi, scene.camera),
-        "ground": {"type": "rectangle", "to_world": mi.ScalarTransform4f().scale(1e4), "emitter": shining},
+        "ground": {
+            "type": "rectangle",
+            "to_world": mi.ScalarTransform4f().scale(1e4),
+            "emitter": shining,
+        },
         "box": {"type": "cube", "to_world": placed, "emitter": shining},
     }
 
@@ -70,7 +79,10 @@ def _sensor(mi, camera) -> dict:
 
 
 def _air(mi, setting) -> dict:
-    """The periodic cube, repeated over the box of voxels that the rays cross, turned as it lies in the world."""
+    """The periodic cube, repeated over the box of voxels that the rays cross.
+
+    Turned as it lies in the world.
+    """
     ends = _ends(setting)
     camera = setting.turn @ np.array(setting.variant.scene.camera.position_m) / setting.cube.voxel_m
     low = np.floor(np.minimum(ends.min(axis=0), camera)).astype(int) - 2
@@ -91,7 +103,10 @@ def _air(mi, setting) -> dict:
 
 
 def _ends(setting) -> np.ndarray:
-    """Where the image's outermost rays end, (ray, 3), in voxels of the cube, not reduced by its period."""
+    """Where the image's outermost rays end, (ray, 3), in voxels of the cube.
+
+    Not reduced by its period.
+    """
     raster = setting.variant.geometry.raster
     numbers = np.arange(setting.rays).reshape(raster.rows, raster.columns)
     edge = np.concatenate([numbers[0], numbers[-1], numbers[:, 0], numbers[:, -1]])

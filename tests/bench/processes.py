@@ -12,15 +12,31 @@ from timing import alternate
 
 import thzcl
 
-ALTERED = ("PYTHONDONTWRITEBYTECODE", "OPENBLAS_NUM_THREADS")  # that this process may have, and a user's shell has not
+ALTERED = (
+    "PYTHONDONTWRITEBYTECODE",
+    "OPENBLAS_NUM_THREADS",
+)  # that this process may have, and a user's shell has not
 IMPORTS = "import numpy, pyopencl, pluggy, pydantic, typer, rich, h5netcdf"
 
 
 def measure(repeat: int) -> dict[str, float]:
-    """Median seconds of `thzcl run slide --no-figure` with caches warm and empty, and of its bare imports."""
+    """Median seconds of `thzcl run slide --no-figure` with caches warm and empty.
+
+    And of its bare imports.
+    """
     with tempfile.TemporaryDirectory() as folder:
         here = Path(folder)
-        command = [sys.executable, "-m", "thzcl", "run", "slide", "--no-figure", "--quiet", "-o", folder]
+        command = [
+            sys.executable,
+            "-m",
+            "thzcl",
+            "run",
+            "slide",
+            "--no-figure",
+            "--quiet",
+            "-o",
+            folder,
+        ]
         calls = {
             "imports": lambda: _run([sys.executable, "-c", IMPORTS], here, here / "warm"),
             "warm": lambda: _run(command, here, here / "warm"),
@@ -36,7 +52,11 @@ def _run_cold(command: list[str], here: Path) -> None:
 
 def _run(command: list[str], here: Path, caches: Path) -> None:
     """Runs a command with its caches in a folder."""
-    own = {"XDG_CACHE_HOME": str(caches), "POCL_CACHE_DIR": str(caches / "pocl"), "PYTHONPATH": str(_root())}
+    own = {
+        "XDG_CACHE_HOME": str(caches),
+        "POCL_CACHE_DIR": str(caches / "pocl"),
+        "PYTHONPATH": str(_root()),
+    }
     for folder in (caches, caches / "pocl"):
         folder.mkdir(exist_ok=True)
     # As installed: modules compiled once, not at every start.

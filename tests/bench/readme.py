@@ -20,12 +20,21 @@ def replaced(readme: str, found: dict[str, Any]) -> str:
 def section(found: dict[str, Any]) -> str:
     """What stands between the marks: where it was measured, rivals, claims."""
     machine = found["machine"]
-    versions = ", ".join(f"{name} {version}" for name, version in sorted((found["versions"] | found["rivals"]).items()))
+    versions = ", ".join(
+        f"{name} {version}"
+        for name, version in sorted((found["versions"] | found["rivals"]).items())
+    )
     where = f"{machine['cores']} cores of {machine['processor']}, {found['device']}, commit {found['commit'][:12]}"
     parts = [
         f"On {where}; medians of {found['repeat']}, taken in turn. {versions}.",
-        _table(["", *(f"{one['voxel_m']:g} m" for one in found["comparison"])], _rivals(found["comparison"])),
-        _table(["claim", "measured", "bound", "", "of this"], [_claim(record) for record in found["claims"]]),
+        _table(
+            ["", *(f"{one['voxel_m']:g} m" for one in found["comparison"])],
+            _rivals(found["comparison"]),
+        ),
+        _table(
+            ["claim", "measured", "bound", "", "of this"],
+            [_claim(record) for record in found["claims"]],
+        ),
     ]
     return "\n" + "\n\n".join(parts) + "\n\n"
 
@@ -53,20 +62,30 @@ def _rivals(tables: list[Table]) -> list[list[str]]:
         return f"{kind[MITSUBA]['times_ours_thinned']:.0e} x thinned" if MITSUBA in kind else None
 
     def ours(name: str) -> Any:
-        return lambda kind: f"{1e3 * kind[name]['seconds']:.3g} ms, rms error {kind[name]['error']:.0e} of contrast"
+        return lambda kind: (
+            f"{1e3 * kind[name]['seconds']:.3g} ms, rms error {kind[name]['error']:.0e} of contrast"
+        )
 
     return [
         row("every ray", ours(EXACT)),
         row("thinned", ours(THINNED)),
         row("Numba, the same loop on all cores, the better of float32 and float64", numba),
-        row("our own kernel, one ray to a work-item", lambda kind: f"{kind[PLAIN]['times_ours']:.2g} x every ray"),
-        row("NumPy, fixed steps of half a voxel", lambda kind: f"{kind[NUMPY]['times_ours']:.2g} x every ray"),
+        row(
+            "our own kernel, one ray to a work-item",
+            lambda kind: f"{kind[PLAIN]['times_ours']:.2g} x every ray",
+        ),
+        row(
+            "NumPy, fixed steps of half a voxel",
+            lambda kind: f"{kind[NUMPY]['times_ours']:.2g} x every ray",
+        ),
         row("Mitsuba 3, with samples enough for the error of thinned", mitsuba),
     ]
 
 
 def _claim(record: dict[str, Any]) -> list[str]:
     measured = "" if record["measured"] is None else f"{record['measured']:.3g}"
-    bound = f"{'at least' if record['at_least'] else 'at most'} {record['bound']:g} {record['unit']}".removesuffix(" 1")
+    bound = f"{'at least' if record['at_least'] else 'at most'} {record['bound']:g} {record['unit']}".removesuffix(
+        " 1"
+    )
     word = {True: "met", False: "**missed**", None: "not measured"}[record["met"]]
     return [record["name"], measured, bound, word, record["note"]]

@@ -1,4 +1,7 @@
-"""What a user would write instead: fixed steps in NumPy, the voxel loop in Numba, and a field by SciPy and NumPy."""
+"""What a user would write instead: fixed steps in NumPy, the voxel loop in Numba.
+
+And a field by SciPy and NumPy.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +15,10 @@ PART = 16  # NumPy marches every so many rows, and its time is multiplied: all o
 
 
 def numpy_march(setting) -> Callable[[], np.ndarray]:
-    """Optical depth (ray,) of every PART-th row of rays, step by step, all abreast; NaN elsewhere."""
+    """Optical depth (ray,) of every PART-th row of rays, step by step, all abreast.
+
+    NaN elsewhere.
+    """
     raster, grid = setting.variant.geometry.raster, setting.cube.grid
     rays = np.arange(setting.rays).reshape(raster.rows, raster.columns)[::PART].ravel()
     direction = setting.directions(rays)
@@ -26,7 +32,9 @@ def numpy_march(setting) -> Callable[[], np.ndarray]:
         depth = np.full(setting.rays, np.nan)
         sums = np.zeros(len(rays))
         for number in range(int(np.ceil(length.max() / STEP))):
-            x, y, z = np.floor(start + np.float32(number + 0.5) * step).astype(np.int32) & (grid - 1)
+            x, y, z = np.floor(start + np.float32(number + 0.5) * step).astype(np.int32) & (
+                grid - 1
+            )
             within = np.clip(length - number * STEP, 0, STEP)
             sums += absorption[(z * grid + y) * grid + x] * within
         depth[rays] = sums
@@ -39,7 +47,9 @@ def has_numba() -> bool:
     return find_spec("numba") is not None
 
 
-def numba_march(setting, real: type = np.float64, absorption: np.ndarray | None = None) -> Callable[[], np.ndarray]:
+def numba_march(
+    setting, real: type = np.float64, absorption: np.ndarray | None = None
+) -> Callable[[], np.ndarray]:
     """Optical depth (ray,) by the voxel loop of Amanatides and Woo, all cores; rays in float32 or float64.
 
     The cube is in float32 in any case, which is quicker and errs by no more.
@@ -69,13 +79,20 @@ def _axis_start(real: type) -> Callable:
 
     @njit
     def start(origin, direction):
-        """Voxel, its step, and the ray parameter at the first crossing and between crossings, along one axis."""
+        """Voxel, its step, and the ray parameter at the first crossing and between crossings.
+
+        Along one axis.
+        """
         voxel = int(origin)
         if direction == 0:
             return voxel, 0, far, real(0)
         between = abs(real(1) / direction)
         inside = origin - voxel
-        return (voxel, 1, (real(1) - inside) * between, between) if direction > 0 else (voxel, -1, inside * between, between)
+        return (
+            (voxel, 1, (real(1) - inside) * between, between)
+            if direction > 0
+            else (voxel, -1, inside * between, between)
+        )
 
     return start
 
@@ -96,9 +113,15 @@ def _compiled(real: type) -> Callable:
         mask = (1 << log2n) - 1
         for ray in prange(width * height):
             u, v = real(ray % width + 0.5 - 0.5 * width), real(0.5 * height - ray // width - 0.5)
-            x, step_x, next_x, size_x = start(frame[0, 0], frame[1, 0] + u * frame[2, 0] + v * frame[3, 0])
-            y, step_y, next_y, size_y = start(frame[0, 1], frame[1, 1] + u * frame[2, 1] + v * frame[3, 1])
-            z, step_z, next_z, size_z = start(frame[0, 2], frame[1, 2] + u * frame[2, 2] + v * frame[3, 2])
+            x, step_x, next_x, size_x = start(
+                frame[0, 0], frame[1, 0] + u * frame[2, 0] + v * frame[3, 0]
+            )
+            y, step_y, next_y, size_y = start(
+                frame[0, 1], frame[1, 1] + u * frame[2, 1] + v * frame[3, 1]
+            )
+            z, step_z, next_z, size_z = start(
+                frame[0, 2], frame[1, 2] + u * frame[2, 2] + v * frame[3, 2]
+            )
             here, last, tau = real(0), end[ray], real(0)
             while True:
                 absorption = cube[(((z & mask) << log2n | y & mask) << log2n) | x & mask]
@@ -131,12 +154,17 @@ def _compiled(real: type) -> Callable:
 
 
 def field_parts(grid: int, seed: int) -> Callable[[], np.ndarray]:
-    """The two costly parts of a field: Philox normals by NumPy, in float32, and SciPy's real inverse transform, all cores."""
+    """The two costly parts of a field: Philox normals by NumPy, in float32.
+
+    And SciPy's real inverse transform, all cores.
+    """
     import scipy.fft
 
     def call() -> np.ndarray:
         generator = np.random.Generator(np.random.Philox(seed))
         normals = generator.standard_normal((grid, grid, grid + 2), dtype=np.float32)
-        return scipy.fft.irfftn(normals.view(np.complex64), (grid,) * 3, workers=-1, overwrite_x=True)
+        return scipy.fft.irfftn(
+            normals.view(np.complex64), (grid,) * 3, workers=-1, overwrite_x=True
+        )
 
     return call

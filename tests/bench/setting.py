@@ -1,4 +1,7 @@
-"""The work that all rivals do: optical depths along the rays of the slides' scene, their ends given."""
+"""The work that all rivals do: optical depths along the rays of the slides' scene.
+
+Their ends given.
+"""
 
 from __future__ import annotations
 
@@ -9,16 +12,19 @@ from typing import Any
 
 import numpy as np
 
-from thzcl import compute, pipeline, reference, thinning
-from thzcl import trace as tracing
-from thzcl.absorption import Surrogate, fit
-from thzcl.accuracy import sources
+from thzcl import pipeline
+from thzcl.air.expansion import Surrogate, fit
 from thzcl.clock import Clock
-from thzcl.device import Device
-from thzcl.field import Field
-from thzcl.geometry import ROTATIONS, cube_frame, world_frame
-from thzcl.plan import VariantPlan
-from thzcl.trace import Ends, Medium, Paths
+from thzcl.device.opencl import Device
+from thzcl.error import reference
+from thzcl.paths import thinning
+from thzcl.paths import trace as tracing
+from thzcl.paths.trace import Ends, Medium, Paths
+from thzcl.plan.numerics import sources
+from thzcl.plan import compute
+from thzcl.plan.plan import VariantPlan
+from thzcl.surfaces.geometry import ROTATIONS, cube_frame, world_frame
+from thzcl.turbulence.cube import Field
 
 VARIANT = "284 K"
 CHECKED = 4096  # rays followed again in float64, from which errors are measured
@@ -50,7 +56,9 @@ class Setting:
             return tracing.trace(self.device, self.ends, self.medium, moments, None, precision)
         things = np.array([surface.target for surface in self.variant.surfaces])
         stride = self.variant.stride
-        paths = thinning.trace_thinned(self.device, self.ends, self.medium, moments, None, stride, things)
+        paths = thinning.trace_thinned(
+            self.device, self.ends, self.medium, moments, None, stride, things
+        )
         self.device.finish()
         return paths
 
@@ -95,17 +103,28 @@ class Setting:
         rays, field = self.checked, self.variant.field
         direction = self.directions(rays)
         unit = direction / np.linalg.norm(direction, axis=1)[:, None]
-        metres = self.ends.reach.host()[rays] * np.linalg.norm(direction, axis=1) * self.cube.voxel_m
+        metres = (
+            self.ends.reach.host()[rays] * np.linalg.norm(direction, axis=1) * self.cube.voxel_m
+        )
         origin = np.broadcast_to(self.medium.frame[0], unit.shape)
         length, voxel = reference.walk(origin, unit, metres, self.cube.voxel_m, field.source.grid)
         delta = self.cube.delta.host().ravel()[voxel].astype(np.float64)
-        absorber = reference.exact(self.surrogate.air, self.variant.frequency_hz[:1], self.cube.humidity_span, (0.0, 0.0))
-        return reference.depth(absorber, reference.Path(length, delta, None, self.cube.humidity_span))[0]
+        absorber = reference.exact(
+            self.surrogate.air, self.variant.frequency_hz[:1], self.cube.humidity_span, (0.0, 0.0)
+        )
+        return reference.depth(
+            absorber, reference.Path(length, delta, None, self.cube.humidity_span)
+        )[0]
 
     def error(self, transmission: np.ndarray) -> float:
-        """Of transmissions of all rays: rms error of the contrast over the checked ones, relative to the largest."""
+        """Of transmissions of all rays: rms error of the contrast over the checked ones.
+
+        Relative to the largest.
+        """
         v, rays = self.variant, self.checked
-        emitted = sources(v.scene, v.needs, v.surfaces, v.frequency_hz)[self.ends.surface.host()[rays], 0]
+        emitted = sources(v.scene, v.needs, v.surfaces, v.frequency_hz)[
+            self.ends.surface.host()[rays], 0
+        ]
         right = emitted * np.exp(-self.exact)
         wrong = emitted * transmission[rays] - right
         return float(np.sqrt(np.nanmean(wrong**2)) / np.abs(right).max())
@@ -124,8 +143,21 @@ def make(device: Device, settings: Mapping[str, Any]) -> Setting:
         raise ValueError("rays reach the cut-off depth, which the rivals do not know")
     cube = compute.make_field(device, variant, Clock())
     ends = compute.find_lines(device, variant, Clock()).camera
-    frame = cube_frame(world_frame(variant.geometry.frame), variant.orientation, cube.voxel_m, cube.grid, np.zeros(3))
+    frame = cube_frame(
+        world_frame(variant.geometry.frame),
+        variant.orientation,
+        cube.voxel_m,
+        cube.grid,
+        np.zeros(3),
+    )
     medium = Medium(cube.delta, None, (0.0, 0.0), frame, cube.grid, cube.voxel_m, None)
     air, tolerance, moments = variant.surrogate.air, variant.accuracy.surrogate, group.moments
-    fitted = fit(air, variant.frequency_hz, cube.humidity_span, (0.0, 0.0), tolerance=tolerance, moments=moments)
+    fitted = fit(
+        air,
+        variant.frequency_hz,
+        cube.humidity_span,
+        (0.0, 0.0),
+        tolerance=tolerance,
+        moments=moments,
+    )
     return Setting(device, variant, cube, ends, medium, fitted)

@@ -13,7 +13,10 @@ from thzcl.pipeline import compute_images
 
 
 class Record(NamedTuple):
-    """One claim: what was measured, and what it must not pass; `at_least` where it must reach the bound instead."""
+    """One claim: what was measured, and what it must not pass.
+
+    `at_least` where it must reach the bound instead.
+    """
 
     name: str
     measured: float | None  # None where it could not be measured; `note` says why
@@ -35,7 +38,10 @@ class Record(NamedTuple):
 
 
 def alternate(calls: Mapping[str, Callable[[], float | None]], repeat: int) -> dict[str, float]:
-    """Median seconds of each call, in turn, after a turn to warm up; what a call returns counts in place of its wall time."""
+    """Median seconds of each call, in turn, after a turn to warm up.
+
+    What a call returns counts in place of its wall time.
+    """
     taken: dict[str, list[float]] = {name: [] for name in calls}
     for turn in range(repeat + 1):
         for name, call in calls.items():
@@ -48,7 +54,10 @@ def alternate(calls: Mapping[str, Callable[[], float | None]], repeat: int) -> d
 
 
 def stages(plan, device, *names: str) -> Callable[[], float]:
-    """A call that runs a plan and gives the seconds of some of its stages, or of the whole if none are named."""
+    """A call that runs a plan and gives the seconds of some of its stages.
+
+    Or of the whole if none are named.
+    """
 
     def call() -> float:
         clock, start = Clock(), time.perf_counter()

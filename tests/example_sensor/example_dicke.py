@@ -45,11 +45,18 @@ class TwoBands(Sensor):
     def needs(self, view):
         """Sums over frequency; no spectrum."""
         weights = np.repeat(np.eye(2), 5, axis=1)
-        return Needs(frequency_hz=np.concatenate([np.linspace(340, 360, 5), np.linspace(640, 660, 5)]) * 1e9, weights=weights)
+        return Needs(
+            frequency_hz=np.concatenate([np.linspace(340, 360, 5), np.linspace(640, 660, 5)]) * 1e9,
+            weights=weights,
+        )
 
     def observe(self, sight, rng):
         """Transmissions' ratio."""
-        return Image(np.exp(sight.optical_depth[0] - sight.optical_depth[1]), unit="1", quantity="ratio of transmissions")
+        return Image(
+            np.exp(sight.optical_depth[0] - sight.optical_depth[1]),
+            unit="1",
+            quantity="ratio of transmissions",
+        )
 
 
 @hookimpl

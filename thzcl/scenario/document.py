@@ -1,4 +1,7 @@
-"""From a TOML file to a Scenario: reading, settings from the command line, variants, and the line where a key stands."""
+"""From a TOML file to a Scenario: reading, settings from the command line, variants.
+
+And the line where a key stands.
+"""
 
 from __future__ import annotations
 
@@ -46,7 +49,10 @@ class Scenario:
     allow_outside: bool = False  # whether its pictures and tables may lie outside the folder
 
     def locate(self, name: str) -> Path:
-        """The picture or table of that name. Raises ValueError for one outside the folder, unless allowed."""
+        """The picture or table of that name. Raises ValueError for one outside the folder.
+
+        Unless allowed.
+        """
         return inside(self.folder, name, allow_outside=self.allow_outside)
 
     @property
@@ -60,7 +66,9 @@ class VariantTable(Table):
     """An entry of [[variants]]."""
 
     name: str = key(min_length=1, help="name of the variant")
-    set: dict[str, Any] = key({}, help='keys to change, as in { "targets.box.temperature_k" = 263 }')
+    set: dict[str, Any] = key(
+        {}, help='keys to change, as in { "targets.box.temperature_k" = 263 }'
+    )
 
 
 @dataclass(frozen=True)
@@ -78,7 +86,9 @@ class Document:
         """A trouble in one line: file, line, table, key, text."""
         path = trouble.path
         # A key belongs to the innermost table named in the file; the rest of the path is the key.
-        tables = [path[:n] for n in range(len(path) + 1) if isinstance(_at(self.data, path[:n]), Mapping)]
+        tables = [
+            path[:n] for n in range(len(path) + 1) if isinstance(_at(self.data, path[:n]), Mapping)
+        ]
         table = max(tables, key=len, default=())
         if table == path and path and not trouble.text.startswith(("needs", "missing")):
             table = path[:-1]
@@ -95,17 +105,23 @@ class Document:
 
     def problems(self, troubles: Iterable[Trouble]) -> list[str]:
         """Troubles in lines, in the order of the file."""
-        return [self.problem(trouble) for trouble in sorted(troubles, key=lambda trouble: self._line(trouble.path))]
+        return [
+            self.problem(trouble)
+            for trouble in sorted(troubles, key=lambda trouble: self._line(trouble.path))
+        ]
 
     def _line(self, path: KeyPath) -> int:
         """Where a key, or else the table that lacks it, stands; 0 if nowhere."""
-        return next((self.lines[path[:n]] for n in range(len(path), 0, -1) if path[:n] in self.lines), 0)
+        return next(
+            (self.lines[path[:n]] for n in range(len(path), 0, -1) if path[:n] in self.lines), 0
+        )
 
 
 def read(source: str | Path, settings: Mapping[str, Any] | None = None) -> Document:
     """Reads a scenario: a path to TOML or to a result, or the bare name of a shipped scene.
 
-    `settings` maps dotted keys to values. Raises ScenarioError if there is no such file or it is not TOML.
+    `settings` maps dotted keys to values. Raises ScenarioError if there is no such file or it is
+    not TOML.
     """
     path = find(source)
     text, folder = _text(path)
@@ -117,7 +133,11 @@ def read(source: str | Path, settings: Mapping[str, Any] | None = None) -> Docum
         reason = re.sub(r" \(at .*\)$", "", str(error))
         hint = f" in column {place[2]}" if place else ""
         raise ScenarioError([f"{where}: not valid TOML{hint}: {reason}; mend it there"]) from None
-    troubles = [f"--set {name}: {problem}" for name, value in (settings or {}).items() if (problem := _set(data, name, value))]
+    troubles = [
+        f"--set {name}: {problem}"
+        for name, value in (settings or {}).items()
+        if (problem := _set(data, name, value))
+    ]
     if troubles:
         raise ScenarioError(troubles)
     changed = frozenset(_split(name) for name in settings or {})
@@ -128,7 +148,11 @@ def read(source: str | Path, settings: Mapping[str, Any] | None = None) -> Docum
 def _draw_seed(data: dict[str, Any]) -> None:
     """A seed for fluctuations that give none, so that every run can be repeated from its record."""
     fluctuations = _at(data, ("atmosphere", "fluctuations"))
-    if isinstance(fluctuations, dict) and "seed" not in fluctuations and fluctuations.get("spectrum") != "file":
+    if (
+        isinstance(fluctuations, dict)
+        and "seed" not in fluctuations
+        and fluctuations.get("spectrum") != "file"
+    ):
         fluctuations["seed"] = secrets.randbits(32)
 
 
@@ -163,12 +187,18 @@ def _text(path: Path) -> tuple[str, Path]:
         if path.suffix == ".nc":
             return _stored_text(path)
         if path.stat().st_size > LARGEST_FILE:
-            raise ScenarioError([f"{path}: larger than {LARGEST_FILE / 1e6:g} MB; a scenario is a short TOML file"])
+            raise ScenarioError(
+                [f"{path}: larger than {LARGEST_FILE / 1e6:g} MB; a scenario is a short TOML file"]
+            )
         return path.read_text(encoding="utf-8"), path.parent
     except UnicodeDecodeError as error:
-        raise ScenarioError([f"{path}: not UTF-8 text (byte {error.start}); save it as UTF-8"]) from None
+        raise ScenarioError(
+            [f"{path}: not UTF-8 text (byte {error.start}); save it as UTF-8"]
+        ) from None
     except OSError as error:
-        raise ScenarioError([f"{path}: cannot be read: {error.strerror or error}; give a TOML file"]) from None
+        raise ScenarioError(
+            [f"{path}: cannot be read: {error.strerror or error}; give a TOML file"]
+        ) from None
 
 
 def _stored_text(path: Path) -> tuple[str, Path]:
@@ -177,29 +207,45 @@ def _stored_text(path: Path) -> tuple[str, Path]:
 
     try:
         with h5netcdf.File(path, "r") as file:
-            text, folder = str(file.attrs["scenario_toml"]), Path(str(file.attrs.get("scenario_folder", path.parent)))
+            text, folder = (
+                str(file.attrs["scenario_toml"]),
+                Path(str(file.attrs.get("scenario_folder", path.parent))),
+            )
     except KeyError:
-        raise ScenarioError([f"{path}: holds no scenario; give a result written by `thzcl run`"]) from None
+        raise ScenarioError(
+            [f"{path}: holds no scenario; give a result written by `thzcl run`"]
+        ) from None
     return text, folder if folder.is_dir() else path.parent
 
 
 def parse(
-    document: Document, check_sensor: SensorTroubles, names: Sequence[str] = (), *, allow_outside: bool = False
+    document: Document,
+    check_sensor: SensorTroubles,
+    names: Sequence[str] = (),
+    *,
+    allow_outside: bool = False,
 ) -> Scenario:
     """The scenario, its variants applied; all of them, or those of the given names.
 
-    `check_sensor` says what is wrong with a [sensor] table. Raises ScenarioError with every problem at once.
+    `check_sensor` says what is wrong with a [sensor] table. Raises ScenarioError with every problem
+    at once.
     """
     base = {name: table for name, table in document.data.items() if name != "variants"}
     entries, troubles = _variant_tables(document.data.get("variants", ()))
     known = [entry.name for entry in entries]
-    unknown = [f"--variant {name}: no such variant ({suggest(name, known)})" for name in names if name not in known]
+    unknown = [
+        f"--variant {name}: no such variant ({suggest(name, known)})"
+        for name in names
+        if name not in known
+    ]
     chosen = [(at, entry) for at, entry in enumerate(entries) if not names or entry.name in names]
 
     variants = []
     for at, entry in chosen or [(0, VariantTable(name=document.name))]:
         data = deepcopy(base)
-        wrong = [(name, text) for name, value in entry.set.items() if (text := _set(data, name, value))]
+        wrong = [
+            (name, text) for name, value in entry.set.items() if (text := _set(data, name, value))
+        ]
         troubles += [Trouble(("variants", at, "set", name), text) for name, text in wrong]
         data = frozen(data)
         scene, found = validate(Scene, data)
@@ -210,12 +256,16 @@ def parse(
             variants.append(Variant(entry.name, scene))
     if troubles or unknown:
         raise ScenarioError([*unknown, *document.problems(troubles)])
-    return Scenario(document.name, document.folder, toml.dumps(document.data), tuple(variants), allow_outside)
+    return Scenario(
+        document.name, document.folder, toml.dumps(document.data), tuple(variants), allow_outside
+    )
 
 
 def _variant_tables(data: Any) -> tuple[list[VariantTable], list[Trouble]]:
     if not isinstance(data, list):
-        return [], [Trouble(("variants",), f"must be a list of tables [[variants]], not {shown(data)}")] if data else []
+        return [], [
+            Trouble(("variants",), f"must be a list of tables [[variants]], not {shown(data)}")
+        ] if data else []
     tables: list[VariantTable] = []
     troubles: list[Trouble] = []
     for at, entry in enumerate(data):
@@ -223,7 +273,11 @@ def _variant_tables(data: Any) -> tuple[list[VariantTable], list[Trouble]]:
         troubles += [trouble.below("variants", at) for trouble in found]
         if table is not None:
             if table.name in [other.name for other in tables]:
-                troubles.append(Trouble(("variants", at, "name"), f'"{table.name}" is taken; choose another name'))
+                troubles.append(
+                    Trouble(
+                        ("variants", at, "name"), f'"{table.name}" is taken; choose another name'
+                    )
+                )
             tables.append(table)
     return tables, troubles
 

@@ -1,4 +1,7 @@
-"""What is wrong with a scenario, in words a person can act on: file, line, table, key, value, remedy."""
+"""What is wrong with a scenario, in words a person can act on: file, line, table, key, value.
+
+Remedy.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +17,10 @@ Path = tuple[str | int, ...]  # keys and list positions from the top of the docu
 
 @dataclass(frozen=True)
 class Trouble:
-    """One thing wrong at one place: `path` from the top (or from the table that found it), and what to do about it."""
+    """One thing wrong at one place: `path` from the top (or from the table that found it).
+
+    And what to do about it.
+    """
 
     path: Path
     text: str
@@ -25,7 +31,10 @@ class Trouble:
 
 
 class ScenarioError(Exception):
-    """The scenario cannot be used; `problems` holds one line each, complete with place and remedy."""
+    """The scenario cannot be used; `problems` holds one line each.
+
+    Complete with place and remedy.
+    """
 
     def __init__(self, problems: Sequence[str]) -> None:
         self.problems = tuple(dict.fromkeys(problems))
@@ -46,7 +55,10 @@ def validate(model: type[Model], data: Any) -> tuple[Model | None, list[Trouble]
 
 
 def _presence(model: type[BaseModel], data: Mapping[str, Any]) -> list[Trouble]:
-    """Groups of keys of which one must, or no more than one may, be given; here and in the tables within."""
+    """Groups of keys of which one must, or no more than one may, be given.
+
+    Here and in the tables within.
+    """
     found = []
     groups = [(group, True) for group in getattr(model, "exactly_one", ())]
     groups += [(group, False) for group in getattr(model, "at_most_one", ())]
@@ -67,7 +79,9 @@ def _together(table: BaseModel) -> list[Trouble]:
     for name in type(table).model_fields:
         value = getattr(table, name)
         for path, inner in (
-            [((name, key), part) for key, part in value.items()] if isinstance(value, dict) else [((name,), value)]
+            [((name, key), part) for key, part in value.items()]
+            if isinstance(value, dict)
+            else [((name,), value)]
         ):
             if isinstance(inner, BaseModel):
                 found += [trouble.below(*path) for trouble in _together(inner)]
@@ -87,8 +101,13 @@ def _of_sound_parts(model: type[BaseModel], data: Any) -> list[Trouble]:
     return found
 
 
-def _tables_within(model: type[BaseModel], data: Any) -> Iterator[tuple[Path, type[BaseModel], Mapping[str, Any]]]:
-    """Path, model and data of each table directly within another, and of each named one in a table of tables."""
+def _tables_within(
+    model: type[BaseModel], data: Any
+) -> Iterator[tuple[Path, type[BaseModel], Mapping[str, Any]]]:
+    """Path, model and data of each table directly within another.
+
+    And of each named one in a table of tables.
+    """
     for name, field in model.model_fields.items() if isinstance(data, Mapping) else ():
         value = data.get(name)
         parts: list[tuple[Path, Any]] = [((name,), value)]
@@ -101,7 +120,10 @@ def _tables_within(model: type[BaseModel], data: Any) -> Iterator[tuple[Path, ty
 
 
 def _model_for(annotation: Any, data: Any) -> type[BaseModel] | None:
-    """The table that an annotation such as `Table | None` means for some data: of several, that of the data's kind."""
+    """The table that an annotation such as `Table | None` means for some data: of several.
+
+    That of the data's kind.
+    """
     models = list(models_in(annotation))
     if len(models) < 2:
         return models[0] if models else None
@@ -136,7 +158,12 @@ def _joined(texts: list[str]) -> str:
     head, tail = "must be ", ", not "
     if len(texts) > 1 and all(text.startswith(head) and tail in text for text in texts):
         last = texts[-1].rpartition(tail)[2]
-        return head + " or ".join(text.removeprefix(head).rpartition(tail)[0] for text in texts) + tail + last
+        return (
+            head
+            + " or ".join(text.removeprefix(head).rpartition(tail)[0] for text in texts)
+            + tail
+            + last
+        )
     return texts[0]
 
 

@@ -1,4 +1,7 @@
-"""A scene: camera, air, ground, targets and background, as the tables of a scenario give them. Keys carry their unit."""
+"""A scene: camera, air, ground, targets and background, as the tables of a scenario give them.
+
+Keys carry their unit.
+"""
 
 from __future__ import annotations
 
@@ -7,8 +10,8 @@ from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import BeforeValidator, Field
 
-from thzcl.absorption import Air
-from thzcl.absorption import humidity as humidities
+from thzcl.air import humidity as humidities
+from thzcl.air.mean import Air
 from thzcl.scenario.problems import Trouble
 from thzcl.scenario.table import Fraction, Kelvin, Positive, Table, Vector, key
 
@@ -22,27 +25,45 @@ class Camera(Table):
 
     position_m: Vector = key(help="camera's position [x, y, z]", unit="m")
     look_at_m: Vector = key(help="point that the image centre shows [x, y, z]", unit="m")
-    up: Vector = key((0.0, 0.0, 1.0), help="direction that is up in the image; +y stands in where it is the line of sight")
+    up: Vector = key(
+        (0.0, 0.0, 1.0),
+        help="direction that is up in the image; +y stands in where it is the line of sight",
+    )
     focal_length_mm: Positive = key(help="focal length", unit="mm")
-    focal_plane_mm: tuple[Positive, Positive] = key(help="size of the focal plane [width, height]", unit="mm")
+    focal_plane_mm: tuple[Positive, Positive] = key(
+        help="size of the focal plane [width, height]", unit="mm"
+    )
     pixels: tuple[PixelCount, PixelCount] = key(help="number of pixels [width, height]")
     samples_per_pixel: int = key(
-        1, ge=1, le=256, help="rays per pixel, on a regular grid within it, whose radiances are averaged"
+        1,
+        ge=1,
+        le=256,
+        help="rays per pixel, on a regular grid within it, whose radiances are averaged",
     )
 
     def troubles(self) -> list[Trouble]:  # noqa: D102 (Table's)
         found = []
         if self.position_m == self.look_at_m:
-            found.append(Trouble(("look_at_m",), "the camera looks at itself; give a point away from position_m"))
+            found.append(
+                Trouble(
+                    ("look_at_m",), "the camera looks at itself; give a point away from position_m"
+                )
+            )
         if self.up == (0, 0, 0):
             found.append(Trouble(("up",), "must not be zero; [0, 0, 1] is upright"))
         return found
 
 
 class Fluctuations(Table):
-    """Turbulent fluctuations of humidity, and of temperature where a sigma or structure constant is given for it."""
+    """Turbulent fluctuations of humidity.
 
-    at_most_one: ClassVar = (("sigma_percent", "structure_constant_q"), ("temperature_sigma_k", "structure_constant_t"))
+    And of temperature where a sigma or structure constant is given for it.
+    """
+
+    at_most_one: ClassVar = (
+        ("sigma_percent", "structure_constant_q"),
+        ("temperature_sigma_k", "structure_constant_t"),
+    )
 
     spectrum: Literal["kolmogorov", "von-karman", "table", "file"] = key(
         "kolmogorov", help='power spectrum; "table" reads a measured one, "file" a whole cube'
@@ -52,47 +73,92 @@ class Fluctuations(Table):
         help="NetCDF file with absolute_humidity(z, y, x) in g/m3; or, for a table, CSV of spatial frequency in cycles/m and "
         "one-sided density along a line in (g/m3)^2 m",
     )
-    sigma_percent: float | None = key(None, ge=0, le=300, unit="%", help="standard deviation of humidity over its mean")
-    structure_constant_q: float | None = key(
-        None, ge=0, unit="g^2 m^-6 m^-2/3", help="C_q^2: the structure function of humidity is C_q^2 r^(2/3)"
+    sigma_percent: float | None = key(
+        None, ge=0, le=300, unit="%", help="standard deviation of humidity over its mean"
     )
-    outer_scale_m: Positive | None = key(None, unit="m", help="outer scale of the von Karman spectrum")
+    structure_constant_q: float | None = key(
+        None,
+        ge=0,
+        unit="g^2 m^-6 m^-2/3",
+        help="C_q^2: the structure function of humidity is C_q^2 r^(2/3)",
+    )
+    outer_scale_m: Positive | None = key(
+        None, unit="m", help="outer scale of the von Karman spectrum"
+    )
     distribution: Literal["auto", "gaussian", "lognormal"] = key(
         "auto", help="gaussian (clipped at dry air) below a sigma of 30 %, lognormal from there on"
     )
     voxel_m: float | None = key(None, ge=1e-4, le=1e5, unit="m", help="edge of a voxel")
-    grid: int = key(128, ge=16, le=512, help="voxels along an edge of the periodic cube, a power of two")
-    seed: int | None = key(None, ge=0, lt=2**63, help="seed of the random numbers; one is drawn and recorded if absent")
-    grid_orientation: Literal["oblique", "aligned"] = key("oblique", help="the cube's axes against the world's")
-    temperature_sigma_k: float | None = key(None, ge=0, le=50, unit="K", help="standard deviation of air temperature")
-    structure_constant_t: float | None = key(None, ge=0, unit="K^2 m^-2/3", help="C_T^2 of air temperature")
-    wind_m_s: Vector = key((0.0, 0.0, 0.0), help="wind that carries the cube along, frozen [x, y, z]", unit="m/s")
+    grid: int = key(
+        128, ge=16, le=512, help="voxels along an edge of the periodic cube, a power of two"
+    )
+    seed: int | None = key(
+        None, ge=0, lt=2**63, help="seed of the random numbers; one is drawn and recorded if absent"
+    )
+    grid_orientation: Literal["oblique", "aligned"] = key(
+        "oblique", help="the cube's axes against the world's"
+    )
+    temperature_sigma_k: float | None = key(
+        None, ge=0, le=50, unit="K", help="standard deviation of air temperature"
+    )
+    structure_constant_t: float | None = key(
+        None, ge=0, unit="K^2 m^-2/3", help="C_T^2 of air temperature"
+    )
+    wind_m_s: Vector = key(
+        (0.0, 0.0, 0.0), help="wind that carries the cube along, frozen [x, y, z]", unit="m/s"
+    )
     correlation_tq: float = key(0.0, ge=-1, le=1, help="correlation of temperature and humidity")
 
     def troubles(self) -> list[Trouble]:  # noqa: D102 (Table's)
         found = []
         if self.grid & (self.grid - 1):
-            found.append(Trouble(("grid",), f"must be a power of two from 16 to 512, not {self.grid}"))
+            found.append(
+                Trouble(("grid",), f"must be a power of two from 16 to 512, not {self.grid}")
+            )
         if self.spectrum == "von-karman" and self.outer_scale_m is None:
             found.append(Trouble((), 'spectrum = "von-karman" needs outer_scale_m'))
         if self.spectrum != "von-karman" and self.outer_scale_m is not None:
-            found.append(Trouble(("outer_scale_m",), 'is used by spectrum = "von-karman" only; remove it or change spectrum'))
+            found.append(
+                Trouble(
+                    ("outer_scale_m",),
+                    'is used by spectrum = "von-karman" only; remove it or change spectrum',
+                )
+            )
         if (self.spectrum in ("file", "table")) != (self.file is not None):
-            found.append(Trouble(("spectrum",), 'spectrum = "file" or "table" and file = "..." go together'))
+            found.append(
+                Trouble(("spectrum",), 'spectrum = "file" or "table" and file = "..." go together')
+            )
         found += self._size_troubles()
         if self.spectrum == "file" and (self.temperature_sigma_k or self.structure_constant_t):
-            found.append(Trouble(("spectrum",), "a cube from a file brings its own temperature (air_temperature) or none"))
+            found.append(
+                Trouble(
+                    ("spectrum",),
+                    "a cube from a file brings its own temperature (air_temperature) or none",
+                )
+            )
         if self.spectrum != "file" and self.voxel_m is None:
             found.append(Trouble((), "needs voxel_m, the edge of a voxel in m"))
         return found
 
     def _size_troubles(self) -> list[Trouble]:
-        """How much humidity fluctuates: a cube says it itself, and so does a table unless it is rescaled."""
-        given = [name for name in ("sigma_percent", "structure_constant_q") if getattr(self, name) is not None]
+        """How much humidity fluctuates: a cube says it itself.
+
+        And so does a table unless it is rescaled.
+        """
+        given = [
+            name
+            for name in ("sigma_percent", "structure_constant_q")
+            if getattr(self, name) is not None
+        ]
         if self.spectrum == "file" and given:
             return [Trouble((given[0],), "is given by the cube; remove it")]
         if self.spectrum == "table" and "structure_constant_q" in given:
-            return [Trouble(("structure_constant_q",), "is given by the table; remove it, or rescale with sigma_percent")]
+            return [
+                Trouble(
+                    ("structure_constant_q",),
+                    "is given by the table; remove it, or rescale with sigma_percent",
+                )
+            ]
         if self.spectrum not in ("file", "table") and not given and self.file is None:
             return [Trouble((), "needs one of sigma_percent, structure_constant_q or file")]
         return []
@@ -105,17 +171,25 @@ class Atmosphere(Table):
 
     temperature_k: AirKelvin = key(help="mean air temperature", unit="K")
     pressure_hpa: float = key(1013.25, gt=0, le=2000, help="total pressure", unit="hPa")
-    relative_humidity_percent: float | None = key(None, ge=0, unit="%", help="mean humidity relative to saturation over water")
-    absolute_humidity_g_m3: float | None = key(None, ge=0, unit="g/m3", help="mean absolute humidity")
+    relative_humidity_percent: float | None = key(
+        None, ge=0, unit="%", help="mean humidity relative to saturation over water"
+    )
+    absolute_humidity_g_m3: float | None = key(
+        None, ge=0, unit="g/m3", help="mean absolute humidity"
+    )
     model: Literal["mpm93", "mpm93-corrected", "none"] = key("mpm93", help="absorption model")
-    fluctuations: Fluctuations | None = key(None, help="turbulence; leave the table out for uniform air")
+    fluctuations: Fluctuations | None = key(
+        None, help="turbulence; leave the table out for uniform air"
+    )
 
     @property
     def air(self) -> Air:
         """The mean air."""
         grams = self.absolute_humidity_g_m3
         if grams is None:
-            vapour = humidities.vapour_pressure_from_relative(self.relative_humidity_percent, self.temperature_k)
+            vapour = humidities.vapour_pressure_from_relative(
+                self.relative_humidity_percent, self.temperature_k
+            )
             grams = float(humidities.absolute_humidity(vapour, self.temperature_k))
         return Air(self.model, self.temperature_k, self.pressure_hpa, grams)
 
@@ -123,7 +197,11 @@ class Atmosphere(Table):
         vapour = self.air.vapour_pressure_hpa
         if vapour <= self.pressure_hpa:
             return []
-        given = "relative_humidity_percent" if self.absolute_humidity_g_m3 is None else "absolute_humidity_g_m3"
+        given = (
+            "relative_humidity_percent"
+            if self.absolute_humidity_g_m3 is None
+            else "absolute_humidity_g_m3"
+        )
         text = f"makes a vapour pressure of {vapour:.4g} hPa, more than the total of {self.pressure_hpa:g} hPa; lower it"
         return [Trouble((given,), text)]
 
@@ -131,16 +209,23 @@ class Atmosphere(Table):
 class Ground(Table):
     """The plane z = 0."""
 
-    temperature_k: Kelvin | None = key(None, help="temperature, needed wherever emission is seen", unit="K")
+    temperature_k: Kelvin | None = key(
+        None, help="temperature, needed wherever emission is seen", unit="K"
+    )
     reflectivity: Fraction = key(0.0, help="power reflectivity, 0 to 1")
 
 
 class Bars(Table):
-    """Upright stripes of equal width on a face of a box; the first, third, ... from the left have their own temperature."""
+    """Upright stripes of equal width on a face of a box; the first, third, ...
+
+    From the left have their own temperature.
+    """
 
     face: Face = key(help="the face, by the direction of its outward normal in the box's own axes")
     count: int = key(ge=1, le=10000, help="number of stripes across the face")
-    temperature_k: Kelvin = key(help="temperature of the first, third, ... stripe; the others have the target's", unit="K")
+    temperature_k: Kelvin = key(
+        help="temperature of the first, third, ... stripe; the others have the target's", unit="K"
+    )
 
 
 def _as_list(value: Any) -> Any:
@@ -153,13 +238,19 @@ class Box(Table):
 
     kind: Literal["box"] = key(help='"box"')
     center_m: Vector = key(help="centre [x, y, z]", unit="m")
-    size_m: tuple[Positive, Positive, Positive] = key(help="edges along the box's own x, y, z", unit="m")
-    yaw_deg: float = key(0.0, help="turn about the vertical, counter-clockwise seen from above", unit="deg")
-    temperature_k: Kelvin | None = key(None, help="temperature, needed wherever emission is seen", unit="K")
-    reflectivity: Fraction = key(0.0, help="power reflectivity, 0 to 1")
-    bars: Annotated[tuple[Bars, ...], BeforeValidator(_as_list, json_schema_input_type=Bars | tuple[Bars, ...])] = key(
-        (), help="stripes on a face; one table, or a list of them"
+    size_m: tuple[Positive, Positive, Positive] = key(
+        help="edges along the box's own x, y, z", unit="m"
     )
+    yaw_deg: float = key(
+        0.0, help="turn about the vertical, counter-clockwise seen from above", unit="deg"
+    )
+    temperature_k: Kelvin | None = key(
+        None, help="temperature, needed wherever emission is seen", unit="K"
+    )
+    reflectivity: Fraction = key(0.0, help="power reflectivity, 0 to 1")
+    bars: Annotated[
+        tuple[Bars, ...], BeforeValidator(_as_list, json_schema_input_type=Bars | tuple[Bars, ...])
+    ] = key((), help="stripes on a face; one table, or a list of them")
 
     def holds(self, point: Vector) -> bool:
         """Whether a point lies inside."""
@@ -171,22 +262,40 @@ class Box(Table):
     def troubles(self) -> list[Trouble]:  # noqa: D102 (Table's)
         faces = [bars.face for bars in self.bars]
         twice = {face for face in faces if faces.count(face) > 1}
-        return [Trouble(("bars",), f'face "{face}" has two sets of bars; give one') for face in sorted(twice)]
+        return [
+            Trouble(("bars",), f'face "{face}" has two sets of bars; give one')
+            for face in sorted(twice)
+        ]
 
 
 class Billboard(Table):
-    """An upright rectangle with a picture of temperature or reflectivity on it, seen from both sides."""
+    """An upright rectangle with a picture of temperature or reflectivity on it.
+
+    Seen from both sides.
+    """
 
     kind: Literal["billboard"] = key(help='"billboard"')
     center_m: Vector = key(help="centre [x, y, z]", unit="m")
     size_m: tuple[Positive, Positive] = key(help="width and height", unit="m")
-    facing_deg: float = key(help="direction of its front, counter-clockwise from +x seen from above", unit="deg")
-    image: str = key(help="PNG or TIFF of 8 or 16 bit, or .npy in kelvin or reflectivity; from the scenario's folder")
+    facing_deg: float = key(
+        help="direction of its front, counter-clockwise from +x seen from above", unit="deg"
+    )
+    image: str = key(
+        help="PNG or TIFF of 8 or 16 bit, or .npy in kelvin or reflectivity; from the scenario's folder"
+    )
     quantity: Literal["temperature", "reflectivity"] = key(help="what the image shows")
-    range: tuple[float, float] | None = key(None, help="the quantity's value at black and at white, for a picture")
-    mask: str | None = key(None, help="picture of the same size; where it is dark, one sees past the billboard")
-    interpolation: Literal["bilinear", "nearest"] = key("bilinear", help="between the image's pixels")
-    temperature_k: Kelvin | None = key(None, help="temperature, where the image shows reflectivity", unit="K")
+    range: tuple[float, float] | None = key(
+        None, help="the quantity's value at black and at white, for a picture"
+    )
+    mask: str | None = key(
+        None, help="picture of the same size; where it is dark, one sees past the billboard"
+    )
+    interpolation: Literal["bilinear", "nearest"] = key(
+        "bilinear", help="between the image's pixels"
+    )
+    temperature_k: Kelvin | None = key(
+        None, help="temperature, where the image shows reflectivity", unit="K"
+    )
     reflectivity: Fraction = key(0.0, help="power reflectivity, where the image shows temperature")
 
     def troubles(self) -> list[Trouble]:  # noqa: D102 (Table's)
@@ -199,18 +308,28 @@ class Billboard(Table):
             most = 1.0 if self.quantity == "reflectivity" else 1e19
             if not all(0 <= end <= most for end in self.range):
                 unit = "" if most == 1.0 else " K"
-                found.append(Trouble(("range",), f"must lie between 0 and {most:g}{unit}, not {list(self.range)}"))
+                found.append(
+                    Trouble(
+                        ("range",), f"must lie between 0 and {most:g}{unit}, not {list(self.range)}"
+                    )
+                )
         return found
 
 
 class Background(Table):
     """What rays see that meet no surface, and what surfaces reflect."""
 
-    temperature_k: Kelvin | None = key(None, help="temperature beyond max_range_m; the air's if absent", unit="K")
-    environment: Literal["air", "none"] | Kelvin = key(
-        "air", help='what surfaces reflect: "air" (a black enclosure at air temperature), "none", or a temperature', unit="K"
+    temperature_k: Kelvin | None = key(
+        None, help="temperature beyond max_range_m; the air's if absent", unit="K"
     )
-    max_range_m: float = key(1000.0, gt=0, le=1e6, help="length of a ray that meets no surface", unit="m")
+    environment: Literal["air", "none"] | Kelvin = key(
+        "air",
+        help='what surfaces reflect: "air" (a black enclosure at air temperature), "none", or a temperature',
+        unit="K",
+    )
+    max_range_m: float = key(
+        1000.0, gt=0, le=1e6, help="length of a ray that meets no surface", unit="m"
+    )
 
 
 class Numerics(Table):
@@ -219,20 +338,36 @@ class Numerics(Table):
     precision: Literal["float32", "float64"] | None = key(
         None, help="arithmetic on the device; float32 where the tolerance allows"
     )
-    cutoff_depth: Positive | None = key(None, help="optical depth at which a ray ends; by default where the rest is worth 1e-7")
+    cutoff_depth: Positive | None = key(
+        None, help="optical depth at which a ray ends; by default where the rest is worth 1e-7"
+    )
     moments: int | None = key(
-        None, ge=1, le=16, help="degree of the absorption polynomial; by default as accurate as the arithmetic"
+        None,
+        ge=1,
+        le=16,
+        help="degree of the absorption polynomial; by default as accurate as the arithmetic",
     )
     ray_stride: int | None = key(
-        None, ge=1, le=64, help="trace every so many rays both ways, and interpolate within each thing seen; 1 is exact"
+        None,
+        ge=1,
+        le=64,
+        help="trace every so many rays both ways, and interpolate within each thing seen; 1 is exact",
     )
     tolerance: float | None = key(
-        None, ge=1e-9, le=0.1, help="bearable error, relative to the image's largest contrast; picks whatever is not given"
+        None,
+        ge=1e-9,
+        le=0.1,
+        help="bearable error, relative to the image's largest contrast; picks whatever is not given",
     )
     realizations: int = key(
-        1, ge=1, le=1_000_000, help="independent realisations of the air; the image is their mean, with variance and spread"
+        1,
+        ge=1,
+        le=1_000_000,
+        help="independent realisations of the air; the image is their mean, with variance and spread",
     )
-    error_budget: bool = key(True, help="follow some rays again without any shortcut, to measure the errors made")
+    error_budget: bool = key(
+        True, help="follow some rays again without any shortcut, to measure the errors made"
+    )
 
 
 class Output(Table):
@@ -240,7 +375,9 @@ class Output(Table):
 
     save_field: bool = key(False, help="store the humidity cube (and the temperature cube)")
     figure_columns: int | None = key(None, ge=1, le=100, help="panels to a row of the picture")
-    difference: tuple[str, str] | None = key(None, help="two variants whose images' difference is shown and stored too")
+    difference: tuple[str, str] | None = key(
+        None, help="two variants whose images' difference is shown and stored too"
+    )
 
 
 class SensorChoice(Table):
@@ -257,7 +394,9 @@ class Scene(Table):
     atmosphere: Atmosphere = key(help="the air")
     sensor: SensorChoice = key(help="the sensor")
     ground: Ground | None = key(None, help="the plane z = 0; leave the table out for no ground")
-    targets: dict[str, Annotated[Box | Billboard, Field(discriminator="kind")]] = key({}, help="targets by name")
+    targets: dict[str, Annotated[Box | Billboard, Field(discriminator="kind")]] = key(
+        {}, help="targets by name"
+    )
     background: Background = key(Background(), help="what lies behind and around")
     numerics: Numerics = key(Numerics(), help="how the numbers are computed")
     output: Output = key(Output(), help="what the result file holds beyond the images")

@@ -1,4 +1,7 @@
-"""What every table of a scenario shares: unknown keys are errors, numbers are finite, nothing changes after reading."""
+"""What every table of a scenario shares: unknown keys are errors, numbers are finite.
+
+Nothing changes after reading.
+"""
 
 from __future__ import annotations
 
@@ -19,7 +22,10 @@ class Table(BaseModel):
     at_most_one: ClassVar[tuple[tuple[str, ...], ...]] = ()
 
     def troubles(self) -> list[Trouble]:
-        """What is wrong with this table's values taken together; overridden where there is something to say."""
+        """What is wrong with this table's values taken together.
+
+        Overridden where there is something to say.
+        """
         return []
 
     @staticmethod
@@ -29,8 +35,13 @@ class Table(BaseModel):
 
 
 def key(default: Any = ..., *, unit: str = "", help: str, **limits: Any) -> Any:  # noqa: A002 (what it is)
-    """A key of a table: its default (none: required), unit, meaning, and pydantic's limits (gt, ge, lt, le, ...)."""
-    return Field(default, description=help, json_schema_extra={"unit": unit} if unit else None, **limits)
+    """A key of a table: its default (none: required), unit, meaning, and pydantic's limits (gt.
+
+    Ge, lt, le, ...).
+    """
+    return Field(
+        default, description=help, json_schema_extra={"unit": unit} if unit else None, **limits
+    )
 
 
 Vector = tuple[float, float, float]

@@ -10,12 +10,17 @@ from typing import Any
 Path = tuple[str | int, ...]
 
 _HEADER = re.compile(r"^\s*(\[\[?)\s*([^\]]+?)\s*\]\]?\s*(#.*)?$")
-_KEY = re.compile(r"""^\s*((?:[A-Za-z0-9_-]+|"[^"]*"|'[^']*')(?:\s*\.\s*(?:[A-Za-z0-9_-]+|"[^"]*"|'[^']*'))*)\s*=""")
+_KEY = re.compile(
+    r"""^\s*((?:[A-Za-z0-9_-]+|"[^"]*"|'[^']*')(?:\s*\.\s*(?:[A-Za-z0-9_-]+|"[^"]*"|'[^']*'))*)\s*="""
+)
 _PART = re.compile(r"""[A-Za-z0-9_-]+|"[^"]*"|'[^']*'""")
 
 
 def line_numbers(text: str) -> dict[Path, int]:
-    """The line (from 1) of each table header and key, by path. Keys inside inline tables have their parent's line."""
+    """The line (from 1) of each table header and key, by path.
+
+    Keys inside inline tables have their parent's line.
+    """
     lines: dict[Path, int] = {}
     counts: dict[Path, int] = {}
     table: Path = ()
@@ -36,12 +41,19 @@ def _parts(name: str) -> Path:
 
 
 def dumps(data: Mapping[str, Any]) -> str:
-    """TOML text of nested tables. Lists of tables at the top become [[tables]], any deeper ones inline tables."""
+    """TOML text of nested tables. Lists of tables at the top become [[tables]].
+
+    Any deeper ones inline tables.
+    """
     return "\n".join(_table((), data)) + "\n"
 
 
 def _table(path: tuple[str, ...], data: Mapping[str, Any]) -> list[str]:
-    plain = {name: value for name, value in data.items() if not isinstance(value, Mapping) and not _of_tables(value)}
+    plain = {
+        name: value
+        for name, value in data.items()
+        if not isinstance(value, Mapping) and not _of_tables(value)
+    }
     lines = [f"[{'.'.join(map(_key, path))}]"] if path and (plain or not data) else []
     lines += [f"{_key(name)} = {_value(value)}" for name, value in plain.items()]
     for name, value in data.items():
@@ -55,7 +67,11 @@ def _table(path: tuple[str, ...], data: Mapping[str, Any]) -> list[str]:
 
 
 def _of_tables(value: Any) -> bool:
-    return isinstance(value, list | tuple) and bool(value) and all(isinstance(entry, Mapping) for entry in value)
+    return (
+        isinstance(value, list | tuple)
+        and bool(value)
+        and all(isinstance(entry, Mapping) for entry in value)
+    )
 
 
 def _key(name: str) -> str:
@@ -64,7 +80,11 @@ def _key(name: str) -> str:
 
 def _value(value: Any) -> str:
     if isinstance(value, Mapping):
-        return "{ " + ", ".join(f"{_key(name)} = {_value(part)}" for name, part in value.items()) + " }"
+        return (
+            "{ "
+            + ", ".join(f"{_key(name)} = {_value(part)}" for name, part in value.items())
+            + " }"
+        )
     if isinstance(value, list | tuple):
         return "[" + ", ".join(_value(part) for part in value) + "]"
     if isinstance(value, str):

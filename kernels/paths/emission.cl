@@ -1,0 +1,115 @@
+// Where air temperature fluctuates, so does what the path emits, and path moments no longer
+// suffice: depth and radiance are carried from the camera outwards, at FREQUENCIES frequencies at
+// once. Emission is exact per voxel at any depth: a voxel adds (1 - exp(-K ds)) of its own Planck
+// radiance, taken as difference from the mean air's.
+//
+// Options: FREQUENCIES; HUMIDITY_POWERS, TEMPERATURE_POWERS and PLANCK_POWERS, numbers of
+// coefficients; COUNTS, how many temperature powers matter with each humidity power; THIN where no
+// voxel is deeper than 1/8; CUTOFF as in trace.cl.
+
+// So many voxels' depths are added up as they are, before a sum takes them in that is compensated
+// as Kahan's (1965): plain float32 alone goes astray by 3e-6 over ten thousand voxels.
+#ifdef CUTOFF
+#define TOGETHER CUTOFF   // the depth is asked as often
+#else
+#define TOGETHER 16
+#endif
+
+// A polynomial of `count` coefficients, at most `most`. The loop's length must be plain when the
+// compiler unrolls it, before it unrolls what is around.
+#define POLYNOMIAL(sum, c, count, most, x) \
+    UNROLLED \
+    for (int j = (most) - 1; j >= 0; --j) \
+        sum = j >= (count) ? sum : j == (count) - 1 ? (reals)((c)[j]) : sum * (x) + (c)[j];
+
+static inline void take_in(reals *depth, reals *rest, reals *latest)
+{
+    UNROLLED
+    for (int f = 0; f < FREQUENCIES; ++f) {
+        const reals term = latest[f] - rest[f], sum = depth[f] + term;
+        rest[f] = (sum - depth[f]) - term;
+        depth[f] = sum;
+        latest[f] = 0;
+    }
+}
+
+// `coefficients` (FREQUENCIES, HUMIDITY_POWERS, TEMPERATURE_POWERS) per metre; `planck`
+// (FREQUENCIES, PLANCK_POWERS) of B(T) - B(T_mean) in powers of T - T_mean; `emitted` (surface,
+// FREQUENCIES) is L_surface - B(T_mean). Writes optical depth and radiance above the mean air's,
+// both (FREQUENCIES, ray).
+__kernel void emission(__global const real *restrict delta, __global const real *restrict offset, __constant frame *cube,
+                       int width, int height, int log2n, __global const wide *reach, __global const wide *end,
+                       __global const wide *restrict time, __global const real *restrict stretch,
+                       __global const int *restrict picked, int count, __global real *restrict path_length,
+                       __global int *restrict surface, __constant real *coefficients, __constant real *planck,
+                       __global const real *restrict emitted, __global const real *restrict blend, real cutoff,
+                       __global int *restrict segments, __global real *restrict depth_out,
+                       __global real *restrict contrast_out)
+{
+    const int packet = get_global_id(0), first_ray = packet * LANES, padded = get_global_size(0) * LANES;
+    march ray = march_start(cube, width, height, log2n, reach, end, time, stretch, picked, count, first_ray);
+    const int counts[] = {COUNTS};
+    reals depth[FREQUENCIES], rest[FREQUENCIES], latest[FREQUENCIES], contrast[FREQUENCIES], transmission[FREQUENCIES];
+    UNROLLED
+    for (int f = 0; f < FREQUENCIES; ++f) {
+        depth[f] = rest[f] = latest[f] = contrast[f] = 0;
+        transmission[f] = 1;
+    }
+    wholes crossed = 0;
+    int steps = 0;
+#ifdef CUTOFF
+    wholes ended = 0;
+#endif
+    while (ANY(ray.here < ray.end)) {
+        const reals there = march_exit(&ray), length = (there - ray.here) * ray.metres;
+        const wholes voxel = march_voxel(&ray);
+        const reals d = GATHER(delta, voxel), t = GATHER(offset, voxel);
+        UNROLLED
+        for (int f = 0; f < FREQUENCIES; ++f) {
+            __constant const real *c = coefficients + f * HUMIDITY_POWERS * TEMPERATURE_POWERS;
+            reals absorption = 0;
+            UNROLLED
+            for (int k = HUMIDITY_POWERS - 1; k >= 0; --k) {
+                reals row = 0;
+                POLYNOMIAL(row, c + k * TEMPERATURE_POWERS, counts[k], TEMPERATURE_POWERS, t)
+                absorption = k == HUMIDITY_POWERS - 1 ? row : absorption * d + row;
+            }
+            const reals tau = length * (absorption > 0 ? absorption : (reals)0);
+            reals lost;
+#ifdef THIN
+            const reals passed = attenuate_thin(tau, &lost);
+#else
+            const reals passed = attenuate(tau, &lost);
+#endif
+            reals warmth = 0;
+            POLYNOMIAL(warmth, planck + f * PLANCK_POWERS, PLANCK_POWERS, PLANCK_POWERS, t)
+            contrast[f] += transmission[f] * lost * warmth;
+            transmission[f] *= passed;
+            latest[f] += tau;
+        }
+        crossed += length > 0 ? (wholes)1 : (wholes)0;
+        march_cross(&ray, there);
+        if (++steps % TOGETHER == 0) {
+            take_in(depth, rest, latest);
+#ifdef CUTOFF
+            reals least = depth[0];
+            UNROLLED
+            for (int f = 1; f < FREQUENCIES; ++f) least = SMALLER(least, depth[f]);
+            const wholes over = (least > cutoff) & (there < ray.end);
+            ray.end = over ? there : ray.end;
+            ended = over ? over : ended;
+#endif
+        }
+    }
+    take_in(depth, rest, latest);
+#ifdef CUTOFF
+    march_record_ends(&ray, ended, picked, count, first_ray, path_length, surface);
+#endif
+    UNROLLED
+    for (int f = 0; f < FREQUENCIES; ++f) {
+        const reals source = surface_value(emitted, surface, blend, first_ray, FREQUENCIES, f);
+        STORE(depth[f], depth_out + f * padded + first_ray);
+        STORE(contrast[f] + exp(-depth[f]) * source, contrast_out + f * padded + first_ray);
+    }
+    segments[packet] = march_count(crossed, first_ray, count);
+}

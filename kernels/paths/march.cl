@@ -1,0 +1,148 @@
+// Voxel by voxel through the periodic cube (Amanatides and Woo 1987), LANES rays abreast. Lengths
+// along a ray are in the ray's own parameter: the point at s is origin + s * direction, with the
+// direction's component along the optical axis 1.
+//
+// Crossings are counted and each crossing's place computed afresh: adding steps up drifts, thirty
+// times worse after 660 voxels. A ray in a voxel's face belongs to the voxel above it: voxel i
+// spans [i, i + 1).
+
+typedef struct {
+    reals step;        // ray parameter from one crossing of this axis to the next
+    reals first;       // ray parameter at the first crossing
+    reals next;
+    reals following;   // the crossing after the next: known in advance, so that the way through a voxel waits for no sum
+    wholes crossings;  // of this axis, the next included
+    wholes stride;     // what one crossing adds to the cell number
+    wholes cell;       // this axis's share of the cell number; wraps by `mask`
+    whole mask;
+} axis;
+
+// One axis of LANES rays that start at `origin` (voxels, in [0, N)) with `direction` (voxels per
+// unit of parameter).
+static axis axis_start(const wide *origin, const wide *direction, int shift, int log2n)
+{
+    real step[LANES], first[LANES];
+    whole cell[LANES], stride[LANES];
+    for (int lane = 0; lane < LANES; ++lane) {
+        const wide d = direction[lane], below = floor(origin[lane]), inside = origin[lane] - below;
+        const wide size = 1 / (d < 0 ? -d : d);
+        // A ray that never crosses: a step of 0 from infinity, so that no product of zero and
+        // infinity arises.
+        step[lane] = d == 0 ? 0 : (real)size;
+        first[lane] = d == 0 ? INFINITY : (real)((d > 0 ? 1 - inside : inside) * size);
+        cell[lane] = (whole)below << shift;
+        stride[lane] = (whole)(d > 0 ? 1 : -1) << shift;
+    }
+    axis a;
+    a.step = LOAD(step);
+    a.first = a.next = LOAD(first);
+    a.following = a.step + a.first;
+    a.crossings = 1;
+    a.stride = LOAD(stride);
+    a.cell = LOAD(cell);
+    a.mask = (((whole)1 << log2n) - 1) << shift;
+    return a;
+}
+
+static inline void axis_cross(axis *a, reals there)
+{
+    const wholes crossed = a->next <= there;
+    a->next = crossed ? a->following : a->next;
+    a->cell += crossed ? a->stride : (wholes)0;
+    a->crossings += crossed ? (wholes)1 : (wholes)0;
+    a->following = TO_REALS(a->crossings) * a->step + a->first;
+}
+
+// LANES rays on their way through the cube.
+typedef struct {
+    axis x, y, z;
+    reals here, end;   // ray parameter of the last crossing, and where the ray stops
+    reals metres;      // to a unit of the ray's parameter
+} march;
+
+// The rays of a packet at their start, those from number `first` of the `count` that are followed.
+// `reach` is how far the camera's ray goes, `end` how far the ray that is followed; they are the
+// same but for the outgoing way. `time` is when each ray is taken, in seconds.
+static march march_start(__constant frame *cube, int width, int height, int log2n, __global const wide *reach,
+                         __global const wide *end, __global const wide *time, __global const real *stretch,
+                         __global const int *picked, int count, int first)
+{
+    wide ox[LANES], oy[LANES], oz[LANES], dx[LANES], dy[LANES], dz[LANES];
+    real stop[LANES], metres[LANES];
+    for (int lane = 0; lane < LANES; ++lane) {
+        const int ray = RAY(min(first + lane, count - 1));
+        const point d = follow_direction(cube, width, height, ray, reach[ray]);
+        point o = cube->origin;
+#ifdef MOTION
+        const wide period = 1 << log2n;
+        o = along(o, time[ray], cube->drift);
+        o.x -= period * floor(o.x / period);
+        o.y -= period * floor(o.y / period);
+        o.z -= period * floor(o.z / period);
+#endif
+        ox[lane] = o.x;
+        oy[lane] = o.y;
+        oz[lane] = o.z;
+        dx[lane] = d.x;
+        dy[lane] = d.y;
+        dz[lane] = d.z;
+        stop[lane] = (real)end[ray];
+        metres[lane] = stretch[ray];
+    }
+    march m;
+    m.x = axis_start(ox, dx, 0, log2n);
+    m.y = axis_start(oy, dy, log2n, log2n);
+    m.z = axis_start(oz, dz, 2 * log2n, log2n);
+    m.here = 0;
+    m.end = LOAD(stop);
+    m.metres = LOAD(metres);
+    return m;
+}
+
+static inline wholes march_voxel(const march *m)
+{
+    return (m->x.cell & m->x.mask) + (m->y.cell & m->y.mask) + (m->z.cell & m->z.mask);
+}
+
+// Where the rays leave the voxels that they are in.
+static inline reals march_exit(const march *m)
+{
+    const reals side = SMALLER(m->x.next, m->y.next), cap = SMALLER(m->z.next, m->end);
+    return SMALLER(side, cap);
+}
+
+static inline void march_cross(march *m, reals there)
+{
+    axis_cross(&m->x, there);
+    axis_cross(&m->y, there);
+    axis_cross(&m->z, there);
+    m->here = there;
+}
+
+// Voxels crossed over positive length by the packet's rays; the last packet's idle lanes do not
+// count.
+static int march_count(wholes crossed, int first, int count)
+{
+    whole counts[LANES];
+    STORE(crossed, counts);
+    int sum = 0;
+    for (int lane = 0; lane < LANES; ++lane) sum += first + lane < count ? (int)counts[lane] : 0;
+    return sum;
+}
+
+// A ray past the cut-off depth ends where it is: it keeps its path so far, and meets nothing.
+static void march_record_ends(const march *m, wholes ended, __global const int *picked, int count, int first,
+                              __global real *path_length, __global int *surface)
+{
+    real length[LANES];
+    whole over[LANES];
+    STORE(m->end * m->metres, length);
+    STORE(ended, over);
+    for (int lane = 0; lane < LANES; ++lane) {
+        const int ray = RAY(min(first + lane, count - 1));
+        if (over[lane]) {
+            path_length[ray] = length[lane];
+            surface[ray] = 0;
+        }
+    }
+}

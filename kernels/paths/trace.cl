@@ -1,0 +1,56 @@
+// Path moments M_k = integral of delta^k ds in metres, k = 1 ... MOMENTS, with delta = rho /
+// rho_mean - 1. In isothermal air the optical depth at every frequency is a sum over them and the
+// path length, so one trace serves them all.
+//
+// `count` rays are followed; moments are stored in their order, packed to whole packets.
+//
+// Options: MOMENTS; CUTOFF where a ray can pass the cut-off depth: after so many voxels each, the
+// smallest depth over the scene's frequencies is asked, whose coefficients `guard` holds, per
+// metre.
+
+__kernel void trace(__global const real *restrict delta, __constant frame *cube, int width, int height, int log2n,
+                    __global const wide *reach, __global const wide *end, __global const wide *restrict time,
+                    __global const real *restrict stretch, __global const int *restrict picked, int count,
+                    __global real *restrict path_length, __global int *restrict surface, __global real *restrict moments,
+                    __global int *restrict segments, __constant real *guard, real cutoff)
+{
+    const int packet = get_global_id(0), first = packet * LANES, padded = get_global_size(0) * LANES;
+    march ray = march_start(cube, width, height, log2n, reach, end, time, stretch, picked, count, first);
+    reals m[MOMENTS];
+    UNROLLED
+    for (int k = 0; k < MOMENTS; ++k) m[k] = 0;
+    wholes crossed = 0;
+#ifdef CUTOFF
+    wholes ended = 0;
+    int steps = 0;
+#endif
+    while (ANY(ray.here < ray.end)) {
+        const reals there = march_exit(&ray), length = there - ray.here;
+        const wholes voxel = march_voxel(&ray);
+        const reals d = GATHER(delta, voxel);
+        reals power = length;
+        UNROLLED
+        for (int k = 0; k < MOMENTS; ++k) {
+            power *= d;
+            m[k] += power;
+        }
+        crossed += length > 0 ? (wholes)1 : (wholes)0;
+        march_cross(&ray, there);
+#ifdef CUTOFF
+        if (++steps % CUTOFF == 0) {
+            reals depth = guard[0] * there;
+            UNROLLED
+            for (int k = 0; k < MOMENTS; ++k) depth += guard[k + 1] * m[k];
+            const wholes over = (depth * ray.metres > cutoff) & (there < ray.end);
+            ray.end = over ? there : ray.end;
+            ended = over ? over : ended;
+        }
+#endif
+    }
+    UNROLLED
+    for (int k = 0; k < MOMENTS; ++k) STORE(m[k] * ray.metres, moments + k * padded + first);
+#ifdef CUTOFF
+    march_record_ends(&ray, ended, picked, count, first, path_length, surface);
+#endif
+    segments[packet] = march_count(crossed, first, count);
+}

@@ -1,0 +1,210 @@
+// Where each ray ends: ground, boxes, billboards, or the longest range. In float64 where the device
+// has it, a work-item a ray.
+//
+// Options: GROUND, BOXES and BILLBOARDS where the scene has them; COSINE where the slant of the
+// surface is wanted; OUTGOING as in camera.cl.
+
+#define BACKGROUND 0
+#define GROUND_PLANE 1
+#define FIRST_TARGET 2
+
+// A box turned about the vertical: centre, half size, cosine and sine of the turn.
+typedef struct {
+    wide x, y, z, half_x, half_y, half_z, cosine, sine;
+} box;
+
+// An upright rectangle: centre, half width and height, cosine and sine of the direction that its
+// front faces.
+typedef struct {
+    wide x, y, z, half_width, half_height, cosine, sine;
+} billboard;
+
+// Its texture: where it begins, its size, whether to take the nearest value, the first of its
+// surfaces, how many there are, and where its mask begins, or -1. Values run from 0 to 1, row by
+// row from the top left as seen from the front.
+typedef struct {
+    int first, width, height, nearest, surface, levels, mask;
+} texture;
+
+// The nearest thing met so far: where, what, between which two surfaces, and how squarely.
+typedef struct {
+    wide reach;
+    int surface;
+    wide blend, cosine;
+} hit;
+
+// What can be met.
+typedef struct {
+    __constant box *boxes;
+    __constant int2 *stripes;
+    int box_count;
+    __constant billboard *billboards;
+    __constant texture *textures;
+    __global const float *texels;
+    int billboard_count;
+} things;
+
+// Cuts the stretch enter ... leave of a ray down to its part between two parallel faces, -half <=
+// position < half.
+static void slab(wide origin, wide direction, wide half_size, int axis, wide *enter, wide *leave, int *enter_axis, int *leave_axis)
+{
+    if (direction == 0) {
+        if (origin < -half_size || origin >= half_size) *leave = -INFINITY;
+        return;
+    }
+    const wide one = (-half_size - origin) / direction, other = (half_size - origin) / direction;
+    const wide near = one < other ? one : other, far = one < other ? other : one;
+    if (near > *enter) { *enter = near; *enter_axis = axis; }
+    if (far < *leave) { *leave = far; *leave_axis = axis; }
+}
+
+// The stripe at a point of a face, from the left as seen from outside, of `count` stripes.
+static int stripe_at(const wide *p, const wide *half_size, int axis, int positive, int count)
+{
+    // Seen from outside, +x, -y and +z have their other horizontal axis running to the right, -x,
+    // +y and -z to the left.
+    const int across = axis == 0 ? 1 : 0, to_right = axis == 1 ? !positive : positive;
+    const wide part = (to_right ? p[across] + half_size[across] : half_size[across] - p[across]) / (2 * half_size[across]);
+    return clamp((int)(part * count), 0, count - 1);
+}
+
+static void meet_box(__constant box *b, __constant int2 *stripes, int surface, point origin, point direction, wide norm, hit *nearest)
+{
+    const wide east = origin.x - b->x, north = origin.y - b->y;
+    const wide half_size[3] = {b->half_x, b->half_y, b->half_z};
+    const wide o[3] = {b->cosine * east + b->sine * north, b->cosine * north - b->sine * east, origin.z - b->z};
+    const wide d[3] = {b->cosine * direction.x + b->sine * direction.y, b->cosine * direction.y - b->sine * direction.x, direction.z};
+    wide enter = -INFINITY, leave = INFINITY;
+    int enter_axis = 0, leave_axis = 0;
+    for (int axis = 0; axis < 3; ++axis) slab(o[axis], d[axis], half_size[axis], axis, &enter, &leave, &enter_axis, &leave_axis);
+
+    // From inside, the face that the ray leaves by is seen.
+    const int inside = enter <= 0, axis = inside ? leave_axis : enter_axis;
+    const wide reach = inside ? leave : enter;
+    if (!(enter < leave) || !(reach > 0) || !(reach < nearest->reach)) return;
+    nearest->reach = reach;
+    nearest->surface = surface;
+    nearest->blend = 0;
+    nearest->cosine = fabs(d[axis]) / norm;
+    const int positive = (d[axis] > 0) == inside;
+    const int2 face = stripes[2 * axis + positive];
+    if (face.x > 0) {
+        const wide p[3] = {o[0] + reach * d[0], o[1] + reach * d[1], o[2] + reach * d[2]};
+        if (stripe_at(p, half_size, axis, positive, face.x) % 2 == 0) nearest->surface = face.y;
+    }
+}
+
+// A texture's value at (u, v), both 0 to 1 from its top left, texel centres at half numbers.
+static wide texel(__global const float *values, int width, int height, int nearest, wide u, wide v)
+{
+    if (nearest) return values[clamp((int)(v * height), 0, height - 1) * width + clamp((int)(u * width), 0, width - 1)];
+    const wide x = clamp(u * width - (wide)0.5, (wide)0, (wide)(width - 1)), y = clamp(v * height - (wide)0.5, (wide)0, (wide)(height - 1));
+    const int left = (int)x, top = (int)y, right = min(left + 1, width - 1), below = min(top + 1, height - 1);
+    const wide fx = x - left, fy = y - top;
+    const wide upper = (1 - fx) * values[top * width + left] + fx * values[top * width + right];
+    const wide lower = (1 - fx) * values[below * width + left] + fx * values[below * width + right];
+    return (1 - fy) * upper + fy * lower;
+}
+
+static void meet_billboard(__constant billboard *b, __constant texture *t, __global const float *texels, point origin,
+                           point direction, wide norm, hit *nearest)
+{
+    const wide ahead = direction.x * b->cosine + direction.y * b->sine;
+    const wide reach = ((b->x - origin.x) * b->cosine + (b->y - origin.y) * b->sine) / ahead;
+    if (ahead == 0 || !(reach > 0) || !(reach < nearest->reach)) return;
+    const point p = along(origin, reach, direction);
+    // Seen from the front, right is the front's direction turned by a quarter to the left, seen
+    // from above.
+    const wide u = (wide)0.5 + ((p.y - b->y) * b->cosine - (p.x - b->x) * b->sine) / (2 * b->half_width);
+    const wide v = (wide)0.5 - (p.z - b->z) / (2 * b->half_height);
+    if (u < 0 || u >= 1 || v < 0 || v >= 1) return;
+    if (t->mask >= 0 && texel(texels + t->mask, t->width, t->height, 1, u, v) < (wide)0.5) return;
+    const wide level = texel(texels + t->first, t->width, t->height, t->nearest, u, v) * (t->levels - 1);
+    const int below = clamp((int)level, 0, t->levels - 2);
+    nearest->reach = reach;
+    nearest->surface = t->surface + below;
+    nearest->blend = level - below;
+    nearest->cosine = fabs(ahead) / norm;
+}
+
+static void meet_all(const things *all, point origin, point direction, wide norm, hit *nearest)
+{
+#ifdef GROUND
+    const wide down = -origin.z / direction.z;
+    if (direction.z < 0 && down > 0 && down < nearest->reach) {
+        nearest->reach = down;
+        nearest->surface = GROUND_PLANE;
+        nearest->cosine = -direction.z / norm;
+    }
+#endif
+#ifdef BOXES
+    for (int b = 0; b < all->box_count; ++b)
+        meet_box(all->boxes + b, all->stripes + 6 * b, FIRST_TARGET + b, origin, direction, norm, nearest);
+#endif
+#ifdef BILLBOARDS
+    for (int b = 0; b < all->billboard_count; ++b)
+        meet_billboard(all->billboards + b, all->textures + b, all->texels, origin, direction, norm, nearest);
+#endif
+}
+
+// For each of the `count` rays that are followed, in their order: `reach` in the ray's parameter;
+// `path_length` in metres, and `stretch`, metres per unit of the parameter; `surface` and `blend`
+// as in source.cl; `cosine` of the angle between ray and normal.
+__kernel void surfaces(__constant frame *camera, int width, int height, wide max_range, __constant box *boxes,
+                       __constant int2 *stripes, int box_count, __constant billboard *billboards,
+                       __constant texture *textures, __global const float *texels, int billboard_count,
+                       __global const int *restrict picked, int count, __global wide *restrict reach,
+                       __global real *restrict stretch, __global real *restrict path_length, __global int *restrict surface,
+                       __global real *restrict blend, __global real *restrict cosine)
+{
+    const int slot = get_global_id(0), ray = RAY(min(slot, count - 1));
+    const things all = {boxes, stripes, box_count, billboards, textures, texels, billboard_count};
+    const point d = ray_direction(camera, width, height, ray);
+    const wide norm = sqrt(d.x * d.x + d.y * d.y + d.z * d.z);
+    hit nearest = {max_range / norm, BACKGROUND, 0, 0};
+    meet_all(&all, camera->origin, d, norm, &nearest);
+    reach[slot] = nearest.reach;
+    stretch[slot] = (real)norm;
+    path_length[slot] = (real)(nearest.reach * norm);
+    surface[slot] = nearest.surface;
+#ifdef BILLBOARDS
+    blend[slot] = (real)nearest.blend;
+#endif
+#ifdef COSINE
+    cosine[slot] = (real)nearest.cosine;
+#endif
+}
+
+#ifdef OUTGOING
+// The way from the transmitter, the frame's origin, to what each camera ray met: its end (1, or 0
+// where nothing was met or something stands between), and its length in metres, which is also the
+// stretch of its parameter.
+__kernel void outgoing(__constant frame *transmitter, int width, int height, __constant box *boxes, __constant int2 *stripes,
+                       int box_count, __constant billboard *billboards, __constant texture *textures,
+                       __global const float *texels, int billboard_count,
+                       __global const int *restrict picked, int count, __global const wide *restrict reach,
+                       __global int *restrict surface, __global wide *restrict end, __global real *restrict length)
+{
+    const int slot = get_global_id(0), ray = RAY(min(slot, count - 1));
+    const things all = {boxes, stripes, box_count, billboards, textures, texels, billboard_count};
+    const point d = follow_direction(transmitter, width, height, ray, reach[slot]);
+    const wide norm = sqrt(d.x * d.x + d.y * d.y + d.z * d.z);
+    // The point itself lies at 1: what is met just before it is the surface that it lies on.
+    hit nearest = {1 - (wide)1e-9, BACKGROUND, 0, 0};
+    meet_all(&all, transmitter->origin, d, norm, &nearest);
+    int lit = surface[slot] != BACKGROUND && nearest.surface == BACKGROUND;
+#ifdef BILLBOARDS
+    // A billboard is lit on the side that the camera sees, or not at all.
+    const point seen = ray_direction(transmitter, width, height, ray);
+    for (int b = 0; b < billboard_count; ++b) {
+        __constant billboard *board = billboards + b;
+        const wide lighting = d.x * board->cosine + d.y * board->sine, viewing = seen.x * board->cosine + seen.y * board->sine;
+        const int row = surface[slot] - textures[b].surface;
+        if (row >= 0 && row < textures[b].levels && (lighting > 0) != (viewing > 0)) lit = 0;
+    }
+#endif
+    if (!lit) surface[slot] = BACKGROUND;
+    end[slot] = lit;
+    length[slot] = (real)(lit * norm);
+}
+#endif

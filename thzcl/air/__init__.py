@@ -1,0 +1,1 @@
+"""What air absorbs, and how humidity and radiance are measured."""

@@ -1,0 +1,162 @@
+"""Absorption of moist air by MPM93, in float64.
+
+Liebe, Hufford and Cotton (1993), "Propagation modeling of moist air and suspended water/ice
+particles at frequencies below 1000 GHz", AGARD CP-542; line tables 1 and 2 of that paper, as
+printed, lie beside this file.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+MODELS = ("mpm93", "mpm93-corrected", "none")
+STATED_TO_GHZ = 1000.0  # the model's own range
+REFUSED_ABOVE_GHZ = 1780.0  # where its continuum pseudo-line stands
+DB_KM_PER_INVERSE_METRE = 1e4 / np.log(10.0)  # 4342.9448
+
+# Water isotopologues whose printed strengths are about 10 and 81 times too strong: the physical
+# ones are that of the 556.936 GHz line of H2-16O times the abundances of H2-18O and H2-17O.
+_CORRECTED_STRENGTHS = {547.676440: 48.74 * 0.00199983, 552.020960: 48.74 * 0.000372}
+
+
+@dataclass(frozen=True)
+class Attenuation:
+    """Specific attenuation in dB/km, of dry air and of water vapour (lines and continuum).
+
+    In the inputs' common shape.
+    """
+
+    dry_db_km: Array
+    vapour_db_km: Array
+
+    @property
+    def total_db_km(self) -> Array:
+        """Of moist air."""
+        return self.dry_db_km + self.vapour_db_km
+
+    @property
+    def total_per_m(self) -> Array:
+        """Absorption coefficient of power, 1/m."""
+        return np.asarray(self.total_db_km / DB_KM_PER_INVERSE_METRE)
+
+
+def attenuation(
+    model: str, frequency_ghz: Any, temperature_k: Any, pressure_hpa: Any, vapour_pressure_hpa: Any
+) -> Attenuation:
+    """Specific attenuation of moist air; the arguments broadcast.
+
+    `model` is "mpm93" (as printed), "mpm93-corrected" (two isotopologue lines at their physical
+    strength) or "none". `pressure_hpa` is the total pressure, vapour included. Raises ValueError
+    for a frequency outside 0 to 1780 GHz, a vapour pressure outside 0 to the total pressure, or an
+    unknown model.
+    """
+    given = [
+        np.asarray(x, dtype=np.float64)
+        for x in (frequency_ghz, temperature_k, pressure_hpa, vapour_pressure_hpa)
+    ]
+    shape = np.broadcast_shapes(*(x.shape for x in given))
+    # Not spread out to that shape: what depends on a few of them alone is computed once.
+    f, t, total, e = (x.reshape((1,) * (len(shape) - x.ndim) + x.shape) for x in given)
+    if model not in MODELS:
+        raise ValueError(f"unknown absorption model {model!r}; choose one of {', '.join(MODELS)}")
+    if model == "none":
+        return Attenuation(np.zeros(shape), np.zeros(shape))
+    if not np.all((f > 0) & (f <= REFUSED_ABOVE_GHZ)):
+        raise ValueError(f"MPM93 knows frequencies above 0 and up to {REFUSED_ABOVE_GHZ:g} GHz")
+    if not np.all((t > 0) & (e >= 0) & (e <= total)):
+        raise ValueError(
+            "temperature must be above 0 K, and vapour pressure between 0 and the total pressure"
+        )
+    theta = 300.0 / t
+    dry_pressure = total - e
+    scale = 0.1820 * f
+    dry = _oxygen(f, theta, dry_pressure, e, shape) + _nitrogen(f, theta, dry_pressure)
+    vapour = _water(f, theta, dry_pressure, e, shape, corrected=model == "mpm93-corrected")
+    return Attenuation(scale * dry, scale * vapour)
+
+
+def line_centers_ghz() -> Array:
+    """Centre frequencies of all lines, oxygen's and water's, GHz."""
+    names = ("mpm93_oxygen_lines.csv", "mpm93_water_lines.csv")
+    return np.sort(np.concatenate([_table(name)[:, 0] for name in names]))
+
+
+def line_width_ghz(pressure_hpa: float) -> float:
+    """About the half width of a line at half maximum, GHz: by collisions some 3 MHz/hPa.
+
+    By motion about 1 MHz.
+    """
+    return 3e-3 * pressure_hpa + 1e-3
+
+
+def _oxygen(f: Array, theta: Array, p: Array, e: Array, shape: tuple[int, ...]) -> Array:
+    """Imaginary refractivity N'' in ppm of the oxygen lines and the non-resonant spectrum."""
+    lines = np.zeros(shape)
+    for f0, a1, a2, a3, a4, a5, a6 in _blocks("mpm93_oxygen_lines.csv", shape):
+        strength = 1e-6 * a1 / f0 * p * theta**3 * np.exp(a2 * (1 - theta))
+        width = 1e-3 * a3 * (p * theta ** (0.8 - a4) + 1.1 * e * theta)
+        width = np.sqrt(width**2 + (25 * 0.6e-4) ** 2)  # Zeeman splitting
+        overlap = 1e-3 * (a5 + a6 * theta) * (p + e) * theta**0.8
+        below, above = f0 - f, f0 + f
+        resonances = (width - below * overlap) / (below**2 + width**2) + (
+            width - above * overlap
+        ) / (above**2 + width**2)
+        lines += np.sum(strength * f * resonances, axis=0)
+    width = 0.56e-3 * (p + e) * theta**0.8
+    debye = 6.14e-5 * p * theta**2 * f * width / (f**2 + width**2)
+    # Line mixing makes the far wings' sum negative: MPM93 sets it to zero.
+    return np.asarray(np.maximum(lines, 0.0) + debye)
+
+
+def _nitrogen(f: Array, theta: Array, p: Array) -> Array:
+    """Imaginary refractivity N'' in ppm of pressure-induced nitrogen absorption."""
+    return np.asarray(1.40e-12 * p**2 * theta**3.5 * f / (1 + 1.93e-5 * f**1.5))
+
+
+def _water(
+    f: Array, theta: Array, p: Array, e: Array, shape: tuple[int, ...], *, corrected: bool
+) -> Array:
+    """Imaginary refractivity N'' in ppm of the water-vapour lines and the continuum pseudo-line."""
+    total = np.zeros(shape)
+    thin_air = p + e < 0.7
+    for f0, b1, b2, b3, b4, b5, b6 in _blocks("mpm93_water_lines.csv", shape):
+        strength = b1
+        for line, physical in _CORRECTED_STRENGTHS.items() if corrected else ():
+            strength = np.where(f0 == line, physical, strength)
+        strength = strength / f0 * e * theta**3.5 * np.exp(b2 * (1 - theta))
+        width = 1e-3 * b3 * (b4 * e * theta**b6 + p * theta**b5)
+        doppler = 0.535 * width + np.sqrt(0.217 * width**2 + (1.46e-6 * f0) ** 2 / theta)
+        width = np.where(thin_air, doppler, width)
+        resonances = 1 / ((f0 - f) ** 2 + width**2) + 1 / ((f0 + f) ** 2 + width**2)
+        total += np.sum(strength * f * width * resonances, axis=0)
+    return total
+
+
+def _blocks(name: str, shape: tuple[int, ...]) -> Iterator[Array]:
+    """A line table's columns, in blocks of lines small enough for the cache.
+
+    Shaped to broadcast against `shape`.
+    """
+    table = _table(name)
+    for block in np.array_split(
+        table, min(len(table), 1 + math.prod(shape) * len(table) // 50_000)
+    ):
+        yield block.T.reshape(block.shape[1], -1, *(1,) * len(shape))
+
+
+@cache
+def _table(name: str) -> Array:
+    """The rows of a line table; '#' starts a comment, the first line names the columns."""
+    text = Path(__file__).with_name(name).read_text(encoding="utf-8")
+    rows = [line for line in text.splitlines() if line and not line.startswith("#")][1:]
+    return np.array([[float(cell) for cell in row.split(",")] for row in rows])

@@ -1,0 +1,118 @@
+"""Planck's law, its inverse and differences, in forms that hold from 0 K to 1e18 K and resolve microkelvins.
+
+Spectral radiance in W m-2 sr-1 Hz-1, frequency in Hz, temperature in kelvin; all functions broadcast. Photon occupation
+n = 1 / (exp(x) - 1), x = h nu / (k T), is what is computed; radiance is 2 h nu^3 / c^2 times it. Differences are formed by
+expm1 and log1p, never by subtraction, and never in float32.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+PLANCK = 6.62607015e-34  # J s
+BOLTZMANN = 1.380649e-23  # J/K
+LIGHT_SPEED = 299792458.0  # m/s
+
+Array = NDArray[np.float64]
+
+
+def radiance_unit(frequency_hz: Any) -> Array:
+    """Radiance of one photon a mode, 2 h nu^3 / c^2."""
+    return np.asarray(2 * PLANCK * np.asarray(frequency_hz, dtype=np.float64) ** 3 / LIGHT_SPEED**2)
+
+
+def photon_temperature(frequency_hz: Any) -> Array:
+    """The temperature h nu / k, in kelvin."""
+    return np.asarray(PLANCK * np.asarray(frequency_hz, dtype=np.float64) / BOLTZMANN)
+
+
+def planck(frequency_hz: Any, temperature_k: Any) -> Array:
+    """Spectral radiance of a black body; exactly 0 at 0 K."""
+    return np.asarray(radiance_unit(frequency_hz) * _occupation(frequency_hz, temperature_k))
+
+
+def planck_slope(frequency_hz: Any, temperature_k: Any) -> Array:
+    """Derivative of planck with temperature, W m-2 sr-1 Hz-1 K-1."""
+    n = _occupation(frequency_hz, temperature_k)
+    kelvin = np.asarray(temperature_k, dtype=np.float64)
+    return np.asarray(
+        radiance_unit(frequency_hz) * n * (n + 1) * photon_temperature(frequency_hz) / kelvin**2
+    )
+
+
+def planck_difference(frequency_hz: Any, temperature_k: Any, reference_k: Any) -> Array:
+    """planck(T) - planck(T_reference), accurate however close the two temperatures are."""
+    t, r = np.asarray(temperature_k, dtype=np.float64), np.asarray(reference_k, dtype=np.float64)
+    hot, cold = np.maximum(t, r), np.minimum(t, r)
+    # n_hot - n_cold = n_hot (1 + n_cold) (1 - exp(x_hot - x_cold)): no term grows without bound.
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        exponent = photon_temperature(frequency_hz) * (cold - hot) / (cold * hot)
+    exponent = np.where(hot == cold, 0.0, exponent)
+    n_hot, n_cold = _occupation(frequency_hz, hot), _occupation(frequency_hz, cold)
+    return np.asarray(
+        np.sign(t - r) * radiance_unit(frequency_hz) * n_hot * (1 + n_cold) * -np.expm1(exponent)
+    )
+
+
+def brightness_temperature(frequency_hz: Any, radiance: Any) -> Array:
+    """The temperature of the black body with this radiance; 0 K for no radiance."""
+    n = np.asarray(radiance, dtype=np.float64) / radiance_unit(frequency_hz)
+    with np.errstate(divide="ignore"):
+        return np.asarray(photon_temperature(frequency_hz) / np.log1p(1 / n))
+
+
+def brightness_temperature_contrast(
+    frequency_hz: Any, radiance_contrast: Any, reference_k: Any
+) -> Array:
+    """Brightness temperature of planck(T_reference) + radiance_contrast, less T_reference.
+
+    With the logarithm l = log(1 + 1/n): T - T_r = (h nu / k) (l_r - l) / (l_r l), and
+    l_r - l = log1p(dn / (n_r (n_r + 1 + dn))).
+    """
+    n_r = _occupation(frequency_hz, reference_k)
+    dn = np.asarray(radiance_contrast, dtype=np.float64) / radiance_unit(frequency_hz)
+    l_r = np.log1p(1 / n_r)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        less = np.log1p(dn / (n_r * (n_r + 1 + dn)))
+        logarithm = np.asarray(l_r - less)
+        hot = logarithm < l_r / 2  # beyond twice the reference the difference loses its digits
+        if hot.any():
+            logarithm = np.where(hot, np.log1p(1 / (n_r + dn)), logarithm)
+        contrast = np.asarray(less / logarithm * (photon_temperature(frequency_hz) / l_r))
+    dark = n_r + dn <= 0  # no radiance at all is 0 K, that is, minus the reference
+    return (
+        np.where(dark, -np.asarray(reference_k, dtype=np.float64), contrast)
+        if dark.any()
+        else contrast
+    )
+
+
+def surface_contrast(
+    frequency_hz: Array,
+    temperature_k: Array,
+    reflectivity: Array,
+    air_k: float,
+    environment: float | str,
+) -> Array:
+    """L_surface - planck(T_air) of surfaces, shape (surface, frequency).
+
+    A surface emits (1 - R) B(T) and reflects R times its environment: "air" (a black enclosure at
+    the air's temperature), "none", or a temperature in kelvin.
+    """
+    surroundings = {"air": air_k, "none": 0.0}.get(str(environment), environment)
+    reflected = planck_difference(frequency_hz, surroundings, air_k)
+    own = planck_difference(frequency_hz, temperature_k[:, None], air_k)
+    return np.asarray((1 - reflectivity[:, None]) * own + reflectivity[:, None] * reflected)
+
+
+def _occupation(frequency_hz: Any, temperature_k: Any) -> Array:
+    with np.errstate(divide="ignore", over="ignore"):
+        return np.asarray(
+            1
+            / np.expm1(
+                photon_temperature(frequency_hz) / np.asarray(temperature_k, dtype=np.float64)
+            )
+        )

@@ -1,5 +1,0 @@
-"""What accuracy costs: every knob turned on its own, error against run time."""
-
-from thzcl.convergence.study import Point, study
-
-__all__ = ["Point", "study"]

@@ -1,0 +1,1 @@
+"""What rays go through on their way."""

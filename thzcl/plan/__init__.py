@@ -1,0 +1,1 @@
+"""From a scenario to the graph of specs that makes its images."""

@@ -1,0 +1,149 @@
+"""Pictures of a record, like the paper's figures 2, 3 and 4: against time, against wind run.
+
+And its spectrum.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from thzcl.files import write_whole
+from thzcl.records.analysis import Analysis
+
+Array = NDArray[np.float64]
+
+DOTS_PER_INCH = 130
+MOST_POINTS = 40_000  # of a line; beyond, means of several samples are drawn
+LOWEST = 1e-5  # of the line's end; a spectrum that breaks off has nothing to show below
+
+
+def write(analysis: Analysis, folder: Path) -> list[Path]:
+    """Writes NAME-time.png, NAME-wind-run.png and NAME-spectrum.png.
+
+    Named after the record's first file. Raises OSError.
+    """
+    stem = Path(analysis.record.files[0]).stem
+    pictures: dict[str, Callable[[Analysis, Any], None]] = {
+        "time": _against_time, "wind-run": _against_wind_run, "spectrum": _spectra,
+    }  # fmt: skip
+    files = []
+    for name, draw in pictures.items():
+        files.append(folder / f"{stem}-{name}.png")
+        write_whole(files[-1], partial(_save, analysis, draw))
+    return files
+
+
+def _save(analysis: Analysis, draw: Callable[[Analysis, Any], None], path: Path) -> None:
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(9.5, 4.6), layout="constrained")
+    FigureCanvasAgg(figure)
+    draw(analysis, figure)
+    for ax in figure.axes:
+        ax.grid(alpha=0.25, which="both")
+        ax.tick_params(labelsize=8)
+        if ax.get_legend_handles_labels()[0]:
+            ax.legend(fontsize=8)
+    figure.savefig(path, dpi=DOTS_PER_INCH, format="png")
+
+
+def _thin(values: Array) -> tuple[Array, int]:
+    """Values, or means of so many where there are too many to draw."""
+    run = -(-len(values) // MOST_POINTS)
+    return values[: len(values) // run * run].reshape(-1, run).mean(axis=1), run
+
+
+def _against_time(analysis: Analysis, figure: Any) -> None:
+    """The paper's figure 2: concentration and wind."""
+    record = analysis.record
+    top, bottom = figure.subplots(2, 1, sharex=True)
+    speed = np.sqrt((record.wind**2).sum(axis=0))
+    for ax, values, colour, label in (
+        (top, record.humidity, "C0", "water vapour / g/m³"), (bottom, speed, "C2", "wind speed / m/s"),
+    ):  # fmt: skip
+        drawn, run = _thin(values)
+        seconds = (np.arange(len(drawn)) + 0.5) * run / record.rate_hz
+        ax.plot(seconds, drawn, color=colour, lw=0.6)
+        ax.set_ylabel(label)
+    bottom.axhline(
+        record.wind_speed_m_s, color="k", lw=1, ls="--", label="magnitude of the mean vector"
+    )
+    bottom.set_xlabel("time / s")
+    percent = 100 * np.nanstd(record.humidity) / np.nanmean(record.humidity)
+    top.set_title(
+        f"{Path(record.files[0]).name}: {record.rate_hz:g} Hz, sigma {percent:.3g} % of the mean",
+        fontsize=10,
+    )
+
+
+def _against_wind_run(analysis: Analysis, figure: Any) -> None:
+    """The paper's figure 3: humidity along the wind, by Taylor's hypothesis."""
+    record = analysis.record
+    ax = figure.subplots()
+    (drawn, run), speed, mean = (
+        _thin(record.humidity),
+        record.wind_speed_m_s,
+        np.nanmean(record.humidity),
+    )
+    metres = (np.arange(len(drawn)) + 0.5) * run / record.rate_hz * speed
+    ax.plot(metres, drawn, color="C0", lw=0.6)
+    ax.axhline(mean, color="k", lw=1, ls="--", label=f"mean {mean:.4g} g/m³")
+    ax.set(xlabel="wind run / m", ylabel="absolute humidity / g/m³")
+    ax.set_title(
+        f"frozen air at {speed:.3g} m/s, integral scale {analysis.integral_scale_m:.3g} m",
+        fontsize=10,
+    )
+
+
+def _spectra(analysis: Analysis, figure: Any) -> None:
+    """The paper's figure 4: the spectrum, raw and smoothed, with its -5/3 line.
+
+    And the structure function.
+    """
+    left, right = figure.subplots(1, 2, width_ratios=(3, 2))
+    found, batch = analysis.inertial, analysis.batches[0]
+    left.loglog(
+        batch.frequency, batch.density, color="0.8", lw=0.5, label="periodogram, Hann window"
+    )
+    left.loglog(*batch.smoothed, color="C0", lw=0.7, label="moving average of 5 points")
+    left.loglog(
+        analysis.spectrum.frequency,
+        analysis.spectrum.density,
+        "o",
+        ms=4,
+        color="k",
+        label="means in bins",
+    )
+    ends = np.array(found.limits)
+    left.loglog(
+        ends,
+        found.line(ends),
+        color="C3",
+        lw=2,
+        label=f"-5/3, C_q² = {found.structure_constant:.3g} g² m⁻⁶ m⁻²ᐟ³",
+    )
+    slope = f"inertial range, slope {found.slope:.3f} ± {found.slope_uncertainty:.3f}"
+    left.axvspan(*found.limits, color="C3", alpha=0.07, lw=0, label=slope)
+    left.set_ylim(
+        max(batch.smoothed[1].min() / 10, float(found.line(ends)[1]) * LOWEST),
+        batch.density.max() * 3,
+    )
+    left.set(xlabel="spatial frequency / cycles/m", ylabel="one-sided density / (g/m³)² m")
+    left.set_title("power spectrum", fontsize=10)
+
+    separation, structure = analysis.structure
+    right.loglog(separation, structure, "o-", ms=3, lw=0.7, color="C0", label="measured")
+    ends = np.array(analysis.structure_range_m)
+    line = analysis.structure_constant * ends ** (2 / 3)
+    right.loglog(
+        ends, line, color="C3", lw=2, label=f"C_q² r²ᐟ³, C_q² = {analysis.structure_constant:.3g}"
+    )
+    right.set(xlabel="separation / m", ylabel="structure function / (g/m³)²")
+    right.set_title("structure function", fontsize=10)

@@ -1,0 +1,324 @@
+"""From rows to a record: even steps of time, several files joined, gaps.
+
+Repeats and spikes found and counted.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from thzcl.air.humidity import GAS_CONSTANT_OF_VAPOUR
+from thzcl.records.columns import KELVIN, RecordError
+from thzcl.records.reading import Rows, read
+
+Array = NDArray[np.float64]
+
+SHORTEST = 1024  # samples: three decades of frequency, of which the inertial range takes one
+JOIN_S = 10.0  # files are contiguous if no longer a time lies between them
+MOST_MISSING = 0.2  # of the samples
+MOST_DISORDER = 0.01  # of the stamps may go backwards
+SLOWEST_M_S = 0.1  # mean wind: below, there is no wind run
+WETTEST_G_M3 = 100.0  # mean humidity: saturation at 52 degrees
+# A spike departs from the running median of so many samples by so many typical steps. The typical
+# step is the median of the steps between neighbours, over 0.6745 sqrt 2: the sigma of white noise.
+# Measured gusts of vapour stay below both.
+SPIKES = ((3, 12.0), (5, 20.0))
+MEASURED = ("h2o", "Ts", "Ux", "Uy", "Uz", "speed")  # columns that are searched for spikes
+SONIC_HUMIDITY = 0.32  # sonic temperature is T (1 + 0.32 e/p): Kaimal and Gaynor (1991)
+
+
+@dataclass(frozen=True)
+class Record:
+    """A hygrometer's record in even steps of time, NaN where nothing (or a spike) was measured; all arrays are (n,).
+
+    `humidity` in g/m3; `wind` (component, n) in m/s, one component where only a speed was measured; `temperature` in K,
+    corrected for humidity, or None; mean `pressure_hpa`, or None. The counts tell what was found in the files.
+    """
+
+    files: tuple[str, ...]
+    station: str
+    start: float  # seconds from 1970, or of the file's own clock
+    dated: bool
+    rate_hz: float
+    humidity: Array
+    wind: Array
+    temperature: Array | None
+    pressure_hpa: float | None
+    gaps: int  # samples without humidity, in all
+    repeats: int
+    out_of_order: int
+    spikes: dict[str, int]  # by column
+    notes: tuple[str, ...]
+
+    @property
+    def samples(self) -> int:
+        """Steps of time from the first sample to the last."""
+        return len(self.humidity)
+
+    @property
+    def wind_speed_m_s(self) -> float:
+        """Magnitude of the mean wind vector; of the mean speed, where only that was measured."""
+        return float(np.linalg.norm(np.nanmean(self.wind, axis=1)))
+
+
+@dataclass(frozen=True)
+class _Joined:
+    """Rows of all files, one after the other, in order of time."""
+
+    parts: Sequence[Rows]
+    time_s: Array
+    row: NDArray[np.int64]  # of the files together, before ordering
+    repeats: int
+    out_of_order: int
+
+    def place(self, at: int) -> str:
+        """File, line and column of a time stamp."""
+        row = int(self.row[at])
+        for part in self.parts:
+            if row < len(part.time_s):
+                break
+            row -= len(part.time_s)
+        return (
+            f"{part.layout.path}:{part.layout.first_line + row}: column {part.columns['time'].name}"
+        )
+
+
+def load(paths: Sequence[Path], columns: str = "") -> Record:
+    """The record in one file or several contiguous ones of one station; `columns` as in columns.find.
+
+    Raises RecordError for files that hold none, with file, line, column and what was expected.
+    """
+    joined = _join([read(path, columns) for path in paths])
+    rate_hz, index = _clock(joined)
+    first = joined.parts[0]
+    values = {role: _even(joined, role, index) for role in first.values}
+    _check(first, values, rate_hz)
+    gaps = int(np.isnan(values["h2o"]).sum())
+    spikes = {
+        first.columns[role].name: _remove_spikes(values[role])
+        for role in MEASURED
+        if role in values
+    }
+    components = (
+        [role for role in ("Ux", "Uy", "Uz") if role in values] if "Ux" in values else ["speed"]
+    )
+    wind = np.stack([values[role] for role in components])
+    pressure_hpa = float(np.nanmean(values["pressure"])) if "pressure" in values else None
+    temperature = None
+    if "Ts" in values:
+        temperature = true_temperature(values["Ts"], values["h2o"], pressure_hpa or 1013.25)
+    record = Record(
+        files=tuple(str(part.layout.path) for part in joined.parts),
+        station=first.layout.station,
+        start=float(joined.time_s[0]),
+        dated=first.dated,
+        rate_hz=rate_hz,
+        humidity=values["h2o"],
+        wind=wind,
+        temperature=temperature,
+        pressure_hpa=pressure_hpa,
+        gaps=gaps,
+        repeats=len(joined.time_s) - len(index) + joined.repeats,
+        out_of_order=joined.out_of_order,
+        spikes=spikes,
+        notes=tuple(_notes(first)),
+    )
+    if not record.wind_speed_m_s >= SLOWEST_M_S:
+        names = ", ".join(first.columns[role].name for role in components)
+        text = f"column {names}: mean wind of {record.wind_speed_m_s:.3g} m/s; expected at least {SLOWEST_M_S:g} m/s"
+        raise RecordError(
+            f"{first.layout.path}:{first.layout.first_line}: {text}, for time to become distance"
+        )
+    return record
+
+
+def _notes(rows: Rows) -> Iterator[str]:
+    """What was taken for granted."""
+    for role, column in rows.columns.items():
+        if column.assumed not in ("", "?") and role not in ("time", "nanoseconds"):
+            yield f"column {column.name} names no unit: taken as {column.assumed}"
+    if "Ux" not in rows.values:
+        yield "wind is a speed without direction: its mean exceeds the mean vector, and so does the wind run"
+    if "Ts" in rows.values and "pressure" not in rows.values:
+        yield "no pressure: 1013.25 hPa taken to correct sonic temperature for humidity"
+
+
+def true_temperature(sonic_k: Array, humidity_g_m3: Array, pressure_hpa: float) -> Array:
+    """Air temperature in K of sonic temperature Ts = T (1 + 0.32 e/p), e = rho R T.
+
+    Solved for T without cancellation.
+    """
+    a = SONIC_HUMIDITY * humidity_g_m3 * GAS_CONSTANT_OF_VAPOUR / 1e5 / pressure_hpa
+    return np.asarray(2 * sonic_k / (1 + np.sqrt(1 + 4 * a * sonic_k)))
+
+
+def _join(parts: Sequence[Rows]) -> _Joined:
+    """The rows of all files in order of time, each stamp once.
+
+    Raises RecordError where they do not belong together.
+    """
+    parts = sorted(parts, key=lambda part: float(part.time_s[0]))
+    for part in parts:
+        _check_stamps(part)
+    for before, after in pairwise(parts):
+        place = f"{after.layout.path}:{after.layout.first_line}"
+        if (
+            before.layout.station != after.layout.station
+            or before.values.keys() != after.values.keys()
+        ):
+            text = f"of another station, or with other columns, than {before.layout.path}; analyse them apart"
+            raise RecordError(f"{place}: column {after.columns['time'].name}: {text}")
+        between = float(after.time_s[0] - before.time_s.max())
+        if between > JOIN_S:
+            text = f"begins {between:.6g} s after {before.layout.path} ends; expected at most {JOIN_S:g} s between files"
+            raise RecordError(
+                f"{place}: column {after.columns['time'].name}: {text}; analyse them apart"
+            )
+    time_s = np.concatenate([part.time_s for part in parts])
+    out_of_order = sum(int((np.diff(part.time_s) < 0).sum()) for part in parts)
+    row = np.argsort(time_s, kind="stable")
+    time_s = time_s[row]
+    fresh = np.concatenate([[True], np.diff(time_s) > 0])
+    if fresh.sum() < (1 - MOST_MISSING) * len(fresh) and len(parts) == 1:
+        at = int(row[np.argmin(fresh)])
+        text = f"{(~fresh).sum()} time stamps repeat those before; expected stamps as fine as the samples"
+        raise RecordError(f"{_stamp(parts[0], at)}: {text}")
+    return _Joined(parts, time_s[fresh], row[fresh], int((~fresh).sum()), out_of_order)
+
+
+def _stamp(part: Rows, at: int) -> str:
+    return f"{part.layout.path}:{part.layout.first_line + at}: column {part.columns['time'].name}"
+
+
+def _check_stamps(part: Rows) -> None:
+    """Raises RecordError for a file whose stamps are missing or go backwards throughout."""
+    missing = np.flatnonzero(np.isnan(part.time_s))
+    if missing.size:
+        raise RecordError(
+            f"{_stamp(part, int(missing[0]))}: no time stamp; expected one in every row"
+        )
+    backwards = np.flatnonzero(np.diff(part.time_s) < 0)
+    if backwards.size > max(MOST_DISORDER * len(part.time_s), 1):
+        text = f"time goes backwards here and in {backwards.size - 1} other rows; expected ascending time stamps"
+        raise RecordError(f"{_stamp(part, int(backwards[0]) + 1)}: {text}")
+
+
+def _clock(joined: _Joined) -> tuple[float, NDArray[np.int64]]:
+    """Samples a second, and each row's step of time.
+
+    Raises RecordError where there is no one rate.
+    """
+    steps = np.diff(joined.time_s)
+    first = joined.parts[0]
+    if len(steps) < SHORTEST - 1:
+        end = first.layout.first_line + len(first.time_s) - 1
+        text = f"ends after {len(steps) + 1} samples; the spectrum needs at least {SHORTEST}"
+        raise RecordError(f"{first.layout.path}:{end}: column {first.columns['time'].name}: {text}")
+    typical = float(np.median(steps))
+    edges = np.linspace(0, len(steps), 11).astype(int)
+    for start, stop in pairwise(edges):
+        own = float(np.median(steps[start:stop]))
+        if not 0.8 < own / typical < 1.25:
+            wrong = start + int(
+                np.argmax(
+                    ~((steps[start:stop] > 0.8 * typical) & (steps[start:stop] < 1.25 * typical))
+                )
+            )
+            text = f"steps of {own:.6g} s from here on, {typical:.6g} s elsewhere; expected one rate throughout"
+            raise RecordError(f"{joined.place(wrong + 1)}: {text}")
+    counts = np.rint(steps / typical)
+    step = float(steps.sum() / max(counts.sum(), 1))  # stamps may be rounded
+    uneven = np.abs(steps / step - counts) > 0.4
+    if not 0.8 < step / typical < 1.25 or uneven.mean() > MOST_DISORDER:
+        text = f"steps of time are no multiples of {typical:.6g} s; expected one rate throughout"
+        raise RecordError(f"{joined.place(int(np.argmax(uneven)) + 1)}: {text}")
+    place = np.rint((joined.time_s - joined.time_s[0]) / step).astype(np.int64)
+    if place[-1] + 1 > len(place) / (1 - MOST_MISSING):
+        at = int(np.argmax(steps))
+        text = f"{place[-1] + 1 - len(place)} of {place[-1] + 1} samples are missing, {steps[at]:.6g} s of them before here"
+        raise RecordError(
+            f"{joined.place(at + 1)}: {text}; expected {100 * (1 - MOST_MISSING):g} % of them"
+        )
+    return round(1 / step, 6), place[np.diff(place, prepend=-1) > 0]
+
+
+def _even(joined: _Joined, role: str, index: NDArray[np.int64]) -> Array:
+    """A column in even steps of time, NaN where there is no row."""
+    values = np.concatenate([part.values[role] for part in joined.parts])[joined.row]
+    even = np.full(int(index[-1]) + 1, np.nan)
+    step = (joined.time_s[-1] - joined.time_s[0]) / index[-1]
+    # Of two rows at one step of time the later in the file is written over by the earlier.
+    even[np.rint((joined.time_s - joined.time_s[0]) / step).astype(np.int64)[::-1]] = values[::-1]
+    column = joined.parts[0].columns[role]
+    return _in_kelvin_or_hectopascals(role, even) if column.assumed == "?" else even
+
+
+def _in_kelvin_or_hectopascals(role: str, values: Array) -> Array:
+    """Values without a unit, of which the size leaves no doubt: degrees or kelvin; Pa.
+
+    HPa or kPa.
+    """
+    typical = float(np.nanmedian(values)) if np.isfinite(values).any() else 0.0
+    if role == "Ts":
+        return values + KELVIN if typical < 150 else values
+    return values * (0.01 if typical > 2000 else 10.0 if typical < 200 else 1.0)
+
+
+def _check(rows: Rows, values: dict[str, Array], rate_hz: float) -> None:
+    """Raises RecordError for columns from which nothing can be learnt."""
+    for role, found in values.items():
+        name = rows.columns[role].name
+        place = f"{rows.layout.path}:{rows.layout.first_line}: column {name}"
+        missing = float(np.isnan(found).mean())
+        if missing > MOST_MISSING:
+            raise RecordError(
+                f"{place}: {100 * missing:.3g} % of its values are missing; expected {MOST_MISSING:.0%} at most"
+            )
+        if role in ("h2o", "Ts") and np.nanmax(found) - np.nanmin(found) < 1e-9 * np.nanmax(
+            np.abs(found), initial=1.0
+        ):
+            text = f"holds {np.nanmean(found):.6g} throughout; expected a signal that fluctuates"
+            raise RecordError(f"{place}: {text}")
+    mean = float(np.nanmean(values["h2o"]))
+    if not 0 < mean < WETTEST_G_M3:
+        text = f"a mean of {mean:.4g} g/m3 at {rate_hz:g} Hz; expected between 0 and {WETTEST_G_M3:g} g/m3: is its unit right?"
+        raise RecordError(
+            f"{rows.layout.path}:{rows.layout.first_line}: column {rows.columns['h2o'].name}: {text}"
+        )
+    if "Ts" in values and not 150 < float(np.nanmean(values["Ts"])) < 400:
+        text = f"a mean of {float(np.nanmean(values['Ts'])):.4g} K; expected that of air: is its unit right?"
+        raise RecordError(
+            f"{rows.layout.path}:{rows.layout.first_line}: column {rows.columns['Ts'].name}: {text}"
+        )
+
+
+def _remove_spikes(values: Array) -> int:
+    """Sets spikes to NaN, in place, and counts them."""
+    present = np.flatnonzero(np.isfinite(values))
+    found = values[present]
+    typical = float(np.median(np.abs(np.diff(found)))) / 0.6745 / np.sqrt(2)
+    if typical == 0:  # steps of the converter outweigh the signal's own
+        typical = float(np.std(np.diff(found))) / np.sqrt(2)
+    spiky = np.zeros(len(found), dtype=np.bool_)
+    for window, threshold in SPIKES:
+        spiky |= np.abs(found - _running_median(found, window)) > threshold * typical
+    values[present[spiky]] = np.nan
+    return int(spiky.sum())
+
+
+def _running_median(values: Array, window: int) -> Array:
+    half = window // 2
+    padded = np.pad(values, half, mode="reflect")
+    shifted = [padded[start : start + len(values)] for start in range(window)]
+    if window == 3:
+        low, middle, high = shifted
+        return np.asarray(
+            np.maximum(np.minimum(low, middle), np.minimum(np.maximum(low, middle), high))
+        )
+    return np.asarray(np.partition(np.stack(shifted), half, axis=0)[half])

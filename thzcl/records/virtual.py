@@ -1,0 +1,109 @@
+"""A virtual hygrometer: a transect through a scene's cube, written as a record.
+
+For the same analysis to read back.
+"""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from thzcl import pipeline
+from thzcl.air import humidity
+from thzcl.clock import Clock
+from thzcl.device.opencl import open_device
+from thzcl.files import write_whole
+from thzcl.plan import compute
+from thzcl.records.columns import KELVIN, RecordError
+from thzcl.records.record import SONIC_HUMIDITY
+
+Array = NDArray[np.float64]
+
+CALM_M_S = 5.0  # the wind where the scene has none
+STEPS_PER_VOXEL = 2  # two, so that waves oblique to all axes are not folded
+# Along y and z for each step along x: of all slopes they keep passes apart, and the waves'
+# frequencies (Roberts 2018).
+SLOPES = (0.2451, 0.4302)
+PASSES = 128  # at most, through the cube
+
+
+def write(source: str | Path, folder: Path) -> Path:
+    """Writes NAME-virtual.csv, the record of a hygrometer in the air of a scenario's first image; gives back its path.
+
+    The record has time_s, h2o_g_m3, Ux_m_s and Uy_m_s, and where temperature fluctuates Ts_C and press_hPa. Raises
+    RecordError where that air does not fluctuate, ScenarioError, DeviceError and OSError.
+    """
+    variant = pipeline.prepare(source).variants[0]
+    cube = compute.make_field(open_device(), variant, Clock(None))
+    if cube is None:
+        raise RecordError(
+            f"{source}: its air does not fluctuate; expected [atmosphere.fluctuations] and an absorbing model"
+        )
+    air = variant.scene.atmosphere.air
+    speed = float(np.linalg.norm(variant.wind_m_s)) or CALM_M_S
+    grams = air.absolute_humidity_g_m3 * (1 + transect(cube.delta.host()))
+    grams = np.maximum(grams, 0.0)  # between voxels, waves overshoot
+    kelvin = np.full(len(grams), air.temperature_k)
+    if cube.offset is not None:
+        kelvin += transect(cube.offset.host())
+    columns: dict[str, Any] = {
+        "time_s": np.arange(len(grams)) * step_m(cube.grid, cube.voxel_m) / speed,
+        "h2o_g_m3": grams,
+        "Ux_m_s": np.full(len(grams), speed),
+        "Uy_m_s": np.zeros(len(grams)),
+    }
+    if cube.offset is not None:
+        vapour_hpa = humidity.vapour_pressure_from_absolute(grams, kelvin)
+        columns["Ts_C"] = kelvin * (1 + SONIC_HUMIDITY * vapour_hpa / air.pressure_hpa) - KELVIN
+        columns["press_hPa"] = np.full(len(grams), air.pressure_hpa)
+    path = folder / f"{Path(source).stem}-virtual.csv"
+    rows = np.stack(list(columns.values()), axis=1)
+    write_whole(
+        path,
+        lambda part: np.savetxt(part, rows, "%.9g", ",", header=",".join(columns), comments=""),
+    )
+    return path
+
+
+def rise(grid: int) -> tuple[int, int]:
+    """Voxels by which the transect climbs along y and z in one pass along x: odd.
+
+    So that it closes after `grid` passes.
+    """
+    y, z = (2 * math.floor(grid * slope / 2) + 1 for slope in SLOPES)
+    return y, z
+
+
+def step_m(grid: int, voxel_m: float) -> float:
+    """From one sample of a transect to the next."""
+    return voxel_m / STEPS_PER_VOXEL * math.hypot(grid, *rise(grid)) / grid
+
+
+def transect(cube: NDArray[Any]) -> Array:
+    """A periodic cube (z, y, x) along a straight line from voxel (0, 0, 0), oblique to its axes; at most 128 passes.
+
+    Between voxels the cube's own Fourier series is taken: of any interpolation it alone leaves the spectrum as it is.
+    """
+    from scipy import fft
+
+    grid = cube.shape[0]
+    climb = rise(grid)
+    finer = STEPS_PER_VOXEL * fft.irfft(
+        fft.rfft(cube.transpose(2, 1, 0), axis=0), STEPS_PER_VOXEL * grid, axis=0
+    )  # (x, y, z)
+    waves = np.fft.fftfreq(grid)[:, None], np.fft.rfftfreq(grid)
+    at = tuple(steps * np.arange(min(grid, PASSES)) % grid for steps in climb)
+    samples = np.empty((len(at[0]), len(finer)))
+    for number, plane in enumerate(finer):
+        # At a given x all passes lie whole voxels apart in y and z: one shift of the series serves
+        # them all.
+        along_y, along_z = (
+            np.exp(2j * np.pi * number / len(finer) * steps * k)
+            for steps, k in zip(climb, waves, strict=True)
+        )
+        samples[:, number] = fft.irfft2(fft.rfft2(plane) * along_y * along_z, plane.shape)[at]
+    return samples.ravel()

@@ -1,0 +1,1 @@
+"""From rays to what a sensor records."""

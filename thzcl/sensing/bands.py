@@ -1,0 +1,220 @@
+"""Sums over a frequency band: frequencies and weights that resolve the lines within it, or those of the paper.
+
+What is summed is response times black-body radiance times exp(-K(nu) s) over paths s of several lengths; the lines are
+narrow, a few GHz at one atmosphere and a few MHz at one hPa. Gauss-Legendre rules are halved until halving changes nothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from thzcl.air import radiometry
+
+Array = NDArray[np.float64]
+
+TOLERANCE = 1e-5  # of the radiance that the shortest path lets through
+_POINTS = 7  # of the rule on each part of the band
+_DEEPEST = 24  # halvings: a hundredth of a kHz in 100 GHz
+_GAUSSIAN_WIDTHS = 1.5  # half width of what counts of a Gaussian, in full widths at half maximum: all but 4e-4 of it
+
+
+class Sight(Protocol):
+    """What must be known of the scene; thzcl.sensor.View has it."""
+
+    @property
+    def air_temperature_k(self) -> float: ...  # noqa: D102 (View's)
+    @property
+    def path_m(self) -> tuple[float, float]: ...  # noqa: D102
+    @property
+    def absorption(self) -> Callable[[Array], Array]: ...  # noqa: D102
+    @property
+    def lines_hz(self) -> Array: ...  # noqa: D102
+    @property
+    def line_width_hz(self) -> float: ...  # noqa: D102
+
+
+@dataclass(frozen=True)
+class Band:
+    """A band from `low_hz` to `high_hz` and its response at frequencies in Hz."""
+
+    low_hz: float
+    high_hz: float
+    response: Callable[[Array], Array]
+
+
+@dataclass(frozen=True)
+class Quadrature:
+    """Frequencies in Hz, ascending, and weights in Hz, the response included.
+
+    `error` is relative to the radiance that the shortest path lets through.
+    """
+
+    frequency_hz: Array
+    weights: Array
+    error: float
+
+
+def named(shape: str, center_hz: float, width_hz: float) -> Band:
+    """A "flat" band, or a "gaussian" one whose width is that at half maximum.
+
+    Raises ValueError outside 0 to 1780 GHz.
+    """
+    half = width_hz / 2 if shape == "flat" else _GAUSSIAN_WIDTHS * width_hz
+    if not 0 < center_hz - half < center_hz + half <= 1780e9:
+        raise ValueError(
+            f"center_ghz and bandwidth_ghz make a band of {(center_hz - half) / 1e9:g} to {(center_hz + half) / 1e9:g} GHz; "
+            "it must lie above 0 and up to 1780 GHz"
+        )
+    if shape == "flat":
+        return Band(center_hz - half, center_hz + half, np.ones_like)
+    return Band(
+        center_hz - half,
+        center_hz + half,
+        lambda f: np.asarray(np.exp(-4 * np.log(2) * ((f - center_hz) / width_hz) ** 2)),
+    )
+
+
+def tabulated(table: Array, name: str) -> Band:
+    """A band from rows of frequency in GHz and response, straight lines between.
+
+    Raises ValueError for what is none.
+    """
+    if table.shape[1] != 2 or len(table) < 2:
+        raise ValueError(
+            f"{name}: needs two columns, frequency in GHz and response, and two rows or more"
+        )
+    ghz, response = table.T
+    if not (np.diff(ghz) > 0).all():
+        raise ValueError(f"{name}: its frequencies do not ascend; sort them, and give each once")
+    if ghz[0] <= 0 or ghz[-1] > 1780:
+        raise ValueError(f"{name}: its frequencies must lie above 0 and up to 1780 GHz")
+    if not (np.isfinite(response).all() and response.min() >= 0 and response.max() > 0):
+        raise ValueError(f"{name}: its response must be at least 0, and above 0 somewhere")
+    return Band(
+        float(ghz[0]) * 1e9,
+        float(ghz[-1]) * 1e9,
+        lambda f: np.asarray(np.interp(f, ghz * 1e9, response)),
+    )
+
+
+def resolve(band: Band, sight: Sight, tolerance: float = TOLERANCE) -> Quadrature:
+    """As few frequencies as resolve the band's lines, for every length of path."""
+    edges = _first_edges(band, sight)
+    low, high = edges[:-1], edges[1:]
+    whole = _parts(band, sight, low, high)
+    scale = _reference(whole.sum(axis=0))
+    accepted: list[tuple[Array, Array]] = []
+    error = 0.0
+    for depth in range(_DEEPEST + 1):
+        middle = (low + high) / 2
+        left, right = _parts(band, sight, low, middle), _parts(band, sight, middle, high)
+        change = np.abs(whole - left - right).max(axis=1)
+        # Errors add up: a part may have its share of the band, or what rounding leaves.
+        share = tolerance * scale * np.maximum((high - low) / (band.high_hz - band.low_hz), 1e-3)
+        done = (change <= share) | (depth == _DEEPEST)
+        accepted.append((low[done], high[done]))
+        error += float(change[done].sum())
+        left, right, low, middle, high = (
+            array[~done] for array in (left, right, low, middle, high)
+        )
+        if not len(low):
+            break
+        whole, low, high = (
+            np.concatenate([left, right]),
+            np.concatenate([low, middle]),
+            np.concatenate([middle, high]),
+        )
+    frequency_hz, weights = _rule(*(np.concatenate(ends) for ends in zip(*accepted, strict=True)))
+    order = np.argsort(frequency_hz.ravel())
+    flat = frequency_hz.ravel()[order]
+    return Quadrature(flat, weights.ravel()[order] * band.response(flat), error / scale)
+
+
+def _reference(radiance: Array) -> float:
+    """What errors are relative to, of radiances by length of path: the shortest.
+
+    Or a trillionth where nothing passes it.
+    """
+    return float(max(radiance[1], 1e-12 * radiance[0]))
+
+
+def _first_edges(band: Band, sight: Sight) -> Array:
+    """Where the band is cut before anything is known.
+
+    Finer and finer towards lines that a coarse rule could not see.
+    """
+    width = band.high_hz - band.low_hz
+    edges = [np.array([band.low_hz, band.high_hz])]
+    if sight.line_width_hz < width / 100:
+        steps = sight.line_width_hz * 4.0 ** np.arange(
+            np.ceil(np.log(width / sight.line_width_hz) / np.log(4))
+        )
+        inside = sight.lines_hz[(sight.lines_hz > band.low_hz) & (sight.lines_hz < band.high_hz)]
+        edges += [line + np.array([*-steps, 0.0, *steps]) for line in inside]
+    cuts = np.unique(np.concatenate(edges))
+    return cuts[(cuts >= band.low_hz) & (cuts <= band.high_hz)]
+
+
+def paper(band: Band, step_hz: float, reading: str) -> Quadrature:
+    """O'Brien and Tofsted's steps: the mean over "edges", the "trapezoid" rule between them.
+
+    Or the middles of "bins".
+    """
+    width = band.high_hz - band.low_hz
+    steps = max(1, round(width / step_hz))
+    if reading == "bins":
+        frequency_hz = band.low_hz + (np.arange(steps) + 0.5) * width / steps
+        weights = np.full(steps, width / steps)
+    else:
+        frequency_hz = np.linspace(band.low_hz, band.high_hz, steps + 1)
+        weights = np.full(steps + 1, width / (steps + 1))
+        if reading == "trapezoid":
+            weights = np.full(steps + 1, width / steps)
+            weights[[0, -1]] /= 2
+    return Quadrature(frequency_hz, weights * band.response(frequency_hz), np.nan)
+
+
+def error(used: Quadrature, resolved: Quadrature, sight: Sight) -> float:
+    """The largest error over the lengths of path.
+
+    Relative to the radiance that the shortest lets through.
+    """
+
+    def radiance(quadrature: Quadrature) -> Array:
+        return quadrature.weights @ _integrand(sight, quadrature.frequency_hz)
+
+    exact = radiance(resolved)
+    # Each rule is held to the mean radiance that its own weights make.
+    found = radiance(used) * resolved.weights.sum() / used.weights.sum()
+    return float(np.max(np.abs(found - exact)) / _reference(exact))
+
+
+def _parts(band: Band, sight: Sight, low: Array, high: Array) -> Array:
+    """Integrals over parts of the band, (part, length of path); the first is without any air."""
+    frequency_hz, weights = _rule(low, high)
+    values = _integrand(sight, frequency_hz.ravel()) * band.response(frequency_hz.ravel())[:, None]
+    return np.asarray(np.einsum("pn,pns->ps", weights, values.reshape(*frequency_hz.shape, -1)))
+
+
+def _rule(low: Array, high: Array) -> tuple[Array, Array]:
+    """Gauss-Legendre frequencies and weights on each part, (part, point)."""
+    x, w = np.polynomial.legendre.leggauss(_POINTS)
+    middle, half = (low + high)[:, None] / 2, (high - low)[:, None] / 2
+    return middle + half * x, half * w
+
+
+def _integrand(sight: Sight, frequency_hz: Array) -> Array:
+    """Radiance behind paths of none, and of the shortest to twice the longest length, (frequency.
+
+    Length).
+    """
+    lengths = np.array([0.0, *np.geomspace(sight.path_m[0], sight.path_m[1] * 2, 6)])
+    radiance = radiometry.planck(frequency_hz, sight.air_temperature_k)
+    return np.asarray(
+        radiance[:, None] * np.exp(-np.outer(sight.absorption(frequency_hz), lengths))
+    )

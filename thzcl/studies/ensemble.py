@@ -1,0 +1,113 @@
+"""Statistics of images over independent realisations of the air; they come one by one.
+
+And memory does not grow with them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from thzcl.plan.plan import Plan, VariantPlan
+from thzcl.sensor import Echoes, Image, Layer, Radiances
+from thzcl.turbulence.spectra import Turbulence
+
+Array = NDArray[Any]
+_STEP = 0x9E3779B97F4A7C15  # 2^64 over the golden ratio: seeds of neighbouring scenes share no realisation
+
+
+def realization(plan: Plan, number: int) -> Plan:
+    """The same plan with the air of another seed; number 0 is the plan's own."""
+    return replace(plan, variants=tuple(_reseeded(variant, number) for variant in plan.variants))
+
+
+def _reseeded(variant: VariantPlan, number: int) -> VariantPlan:
+    if variant.field is None or not isinstance(variant.field.source, Turbulence):
+        return variant
+    source = variant.field.source
+    seed = (source.seed + number * _STEP) % 2**63
+    return replace(variant, field=replace(variant.field, source=replace(source, seed=seed)))
+
+
+class Running:
+    """Mean, variance, least and largest of arrays that come one after the other (Welford 1962)."""
+
+    def __init__(self) -> None:
+        self.count = 0
+        self.mean: Array = np.zeros(())
+        self._squares: Array = np.zeros(())
+        self.low: Array = np.zeros(())
+        self.high: Array = np.zeros(())
+
+    def add(self, values: Array) -> None:
+        """Takes one more array in."""
+        values = np.asarray(values, dtype=np.float64)
+        self.count += 1
+        if self.count == 1:
+            self.mean, self._squares = values.copy(), np.zeros_like(values)
+            self.low, self.high = values.copy(), values.copy()
+            return
+        change = values - self.mean
+        self.mean += change / self.count
+        self._squares += change * (values - self.mean)
+        np.minimum(self.low, values, out=self.low)
+        np.maximum(self.high, values, out=self.high)
+
+    @property
+    def variance(self) -> Array:
+        """Of the ensemble, estimated without bias."""
+        return np.asarray(self._squares / max(self.count - 1, 1))
+
+
+class Ensemble:
+    """The images of one variant: what is kept of all of them."""
+
+    def __init__(self) -> None:
+        self._planes: dict[str, Running] = {}
+        self._last: tuple[Radiances | Echoes, Image] | None = None
+
+    def add(self, sight: Radiances | Echoes, image: Image) -> None:
+        """Takes one realisation in."""
+        signal = sight.returned if isinstance(sight, Echoes) else sight.contrast
+        planes = {"signal": signal, "depth": sight.optical_depth, "image": image.values}
+        planes |= {f"layer {name}": layer.values for name, layer in image.layers.items()}
+        for name, values in planes.items():
+            self._planes.setdefault(name, Running()).add(values)
+        self._last = sight, image
+
+    def mean(self) -> tuple[Radiances | Echoes, Image]:
+        """The mean of what reached the pixels.
+
+        And the mean image with its variance and spread over the realisations.
+        """
+        assert self._last is not None  # noqa: S101 (there is one realisation at least)
+        sight, image = self._last
+        kind = sight.optical_depth.dtype
+        means = {name: plane.mean for name, plane in self._planes.items()}
+        signal, depth = (means[name].astype(kind) for name in ("signal", "depth"))
+        if isinstance(sight, Echoes):
+            average: Radiances | Echoes = replace(sight, optical_depth=depth, returned=signal)
+        else:
+            average = replace(sight, optical_depth=depth, contrast=signal)
+        layers = {
+            name: replace(layer, values=means[f"layer {name}"])
+            for name, layer in image.layers.items()
+        }
+        return average, replace(
+            image, values=means["image"], layers=layers | self._statistics(image), facts={}
+        )
+
+    def _statistics(self, image: Image) -> dict[str, Layer]:
+        plane = self._planes["image"]
+        squared = "1" if image.unit == "1" else f"({image.unit})^2"
+        return {
+            "image_variance": Layer(
+                plane.variance, squared, f"variance of the {image.quantity} over realisations"
+            ),
+            "image_spread": Layer(
+                plane.high - plane.low, image.unit, f"largest less smallest {image.quantity}"
+            ),
+        }

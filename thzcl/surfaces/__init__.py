@@ -1,0 +1,1 @@
+"""What rays end on."""

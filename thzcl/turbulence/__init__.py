@@ -1,0 +1,1 @@
+"""Fluctuations of humidity and temperature on a cube of voxels."""

@@ -1,0 +1,178 @@
+"""Random humidity, and temperature where it fluctuates too, on a periodic cube.
+
+Or a cube that the user brings.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from thzcl.device.opencl import Buffer, Device, Program, Recipe
+from thzcl.turbulence.cube_file import CubeFile
+from thzcl.turbulence.spectra import Turbulence, spectral_amplitude
+from thzcl.turbulence import cube_file as field_file
+
+Span = tuple[float, float]
+
+
+@dataclass(frozen=True)
+class Field:
+    """Fluctuations on the device, voxel [iz, iy, ix], x fastest.
+
+    `delta` is rho / rho_mean - 1; `offset` the temperature's departure from the mean in K, or None
+    in isothermal air. The spans are what the cube really reaches; `notes` tell of values that had
+    to be limited.
+    """
+
+    grid: int
+    voxel_m: float
+    delta: Buffer
+    offset: Buffer | None
+    humidity_span: Span
+    temperature_span: Span
+    notes: tuple[str, ...]
+
+
+class Statistics(NamedTuple):
+    """Of a cube."""
+
+    sigma: float
+    span: Span
+
+
+def generate(
+    device: Device,
+    turbulence: Turbulence,
+    precision: str,
+    ceiling: float = math.inf,
+    library: str | None = None,
+) -> Field:
+    """A realisation of the fluctuations, `delta` limited to `ceiling`; `library` as in Device.inverse_transform.
+
+    Each Gaussian starts with C^2 = 1. A given sigma then rescales this realisation to it exactly, a given structure
+    constant scales by what is expected of the ensemble.
+    """
+    two = turbulence.temperature_fluctuates
+    full = two or library == "reikna" or not device.in_place
+    program = device.build(*recipe(full=full))
+    humidity, second = _gaussians(device, program, turbulence, full, library)
+    expected = math.sqrt(turbulence.unit_variance)
+    items = turbulence.grid**3 // device.lanes("float32")
+
+    offset, temperature_span = None, (0.0, 0.0)
+    if two:
+        along, across = turbulence.correlation, math.sqrt(1 - turbulence.correlation**2)
+        program.run("combine", items, second, humidity, np.float32(along), np.float32(across))
+        own = (
+            statistics(device, program, second).sigma if turbulence.temperature_exact else expected
+        )
+        program.run(
+            "combine",
+            items,
+            second,
+            humidity,
+            np.float32(0),
+            np.float32(turbulence.temperature_sigma_k / own),
+        )
+        offset, temperature_span = (
+            _as_precise(device, second, precision),
+            statistics(device, program, second).span,
+        )
+
+    own = statistics(device, program, humidity).sigma if turbulence.exact else expected
+    s = math.sqrt(math.log1p(turbulence.sigma**2)) if turbulence.lognormal else turbulence.sigma
+    shift = s * s / 2 if turbulence.lognormal else 0.0
+    program.run("humidity", items, humidity, np.float32(s / own), np.float32(shift))
+    span = statistics(device, program, humidity).span
+    notes, span = _limit(humidity, span, ceiling)
+    delta = _as_precise(device, humidity, precision)
+    return Field(turbulence.grid, turbulence.voxel_m, delta, offset, span, temperature_span, notes)
+
+
+def recipe(*, full: bool) -> Recipe:
+    """The program that makes fields, of a full spectrum or of half a one."""
+    return Recipe(("turbulence/field",), "float32", (f"TWO_FIELDS={int(full)}",))
+
+
+def _gaussians(
+    device: Device, program: Program, t: Turbulence, full: bool, library: str | None
+) -> tuple[Buffer, Buffer]:
+    """Two independent cubes from one full transform, or the first of them, twice.
+
+    From a half one.
+    """
+    n = t.grid
+    amplitude = device.put(
+        spectral_amplitude(n, t.voxel_m, t.outer_scale_m, t.table) * n**3, np.float32
+    )
+    seed = np.array((t.seed & 0xFFFFFFFF, t.seed >> 32), dtype=np.uint32)
+    spectrum = device.empty((n, n, n if full else n // 2 + 1), np.complex64)
+    packets = n // 2 // device.lanes("float32") + 1
+    program.run("spectrum", (packets, n, n), spectrum, amplitude, np.int32(n), seed, np.uint32(0))
+    cube = device.inverse_transform(spectrum, n, library)
+    if not full:
+        return cube, cube
+    one, other = device.empty((n, n, n), np.float32), device.empty((n, n, n), np.float32)
+    program.run("parts", n**3, cube, one, other)
+    return one, other
+
+
+def statistics(device: Device, program: Program, cube: Buffer) -> Statistics:
+    """Standard deviation and span of a float32 cube.
+
+    Summed in runs of fixed length and then in float64.
+    """
+    voxels, run = math.prod(cube.shape), 16 * cube.shape[0]
+    sums = device.empty((voxels // run, 4), np.float32)
+    program.run("statistics", voxels // run, cube, np.int32(run), sums)
+    total, square, low, high = sums.host().astype(np.float64).T
+    mean = total.sum() / voxels
+    return Statistics(
+        math.sqrt(max(square.sum() / voxels - mean**2, 0.0)), (float(low.min()), float(high.max()))
+    )
+
+
+def _as_precise(device: Device, cube: Buffer, precision: str) -> Buffer:
+    return cube if precision == "float32" else device.put(cube.host(), precision)
+
+
+def _limit(delta: Buffer, span: Span, ceiling: float) -> tuple[tuple[str, ...], Span]:
+    """Counts voxels clipped at dry air.
+
+    And limits those whose vapour alone would exceed the total pressure.
+    """
+    notes = []
+    if span[0] <= -1:
+        dry = int(np.count_nonzero(delta.host() <= -1))
+        notes.append(f"{dry} of {delta.host().size} voxels were clipped at dry air")
+    if span[1] > ceiling:
+        values = delta.host()
+        wet = int(np.count_nonzero(values > ceiling))
+        notes.append(f"{wet} of {values.size} voxels were limited to vapour at the total pressure")
+        delta.fill(np.minimum(values, np.float32(ceiling)))
+        span = (span[0], ceiling)
+    return tuple(notes), span
+
+
+def load(
+    device: Device, cube: CubeFile, mean_g_m3: float, mean_k: float, precision: str, ceiling: float
+) -> Field:
+    """A user's cube on the device, as departures from the scene's mean air."""
+    humidity, temperature, _ = field_file.read(cube.path)
+    relative = humidity.astype(np.float64) / mean_g_m3 - 1
+    notes = []
+    if relative.max() > ceiling:
+        notes.append(
+            f"{np.count_nonzero(relative > ceiling)} voxels were limited to vapour at the total pressure"
+        )
+        np.minimum(relative, ceiling, out=relative)
+    delta = device.put(relative, precision)
+    warmth = None if temperature is None else temperature.astype(np.float64) - mean_k
+    offset = None if warmth is None else device.put(warmth, precision)
+    span = (float(relative.min()), float(relative.max()))
+    temperature_span = (0.0, 0.0) if warmth is None else (float(warmth.min()), float(warmth.max()))
+    return Field(cube.grid, cube.voxel_m, delta, offset, span, temperature_span, tuple(notes))
