@@ -1,13 +1,16 @@
-"""Makes the phantom: a clothed upper body with a pistol under the cloth, as a terahertz imager might see it close by.
+"""Makes the phantom: a clothed upper body with a pistol under the cloth.
 
-The subject of O'Brien and Tofsted's figures 7 to 9 is not public; this one is drawn from simple shapes and round numbers
-for 650 GHz. Skin reflects 15 % (its refractive index is about 2), one layer of cotton passes 60 % and scatters 3 % back,
-metal reflects all; surfaces that turn away send less back. Skin is at 305 K, cloth at 300 K; metal shows, through the cloth,
-surroundings of 293 K. As a passive picture it stands before a cooled backdrop of 253 K, as passive imagers have been shown.
+It is what a terahertz imager might see close by. The subject of O'Brien and Tofsted's figures 7 to
+9 is not public; this one is drawn from simple shapes and round numbers for 650 GHz. Skin reflects
+15 % (its refractive index is about 2), one layer of cotton passes 60 % and scatters 3 % back, and
+metal reflects all; surfaces that turn away send less back. Skin is at 305 K, cloth at 300 K; metal
+shows, through the cloth, surroundings of 293 K. As a passive picture it stands before a cooled
+backdrop of 253 K, as passive imagers have been shown.
 
     python -m thzcl.scenarios.phantom FOLDER
 
-writes phantom_reflectivity.png (0 to 0.5), phantom_temperature.png (250 to 310 K) and phantom_mask.png, 8 bit greyscale.
+writes phantom_reflectivity.png (0 to 0.5), phantom_temperature.png (250 to 310 K) and
+phantom_mask.png, in 8 bit greyscale.
 """
 
 from __future__ import annotations
@@ -30,7 +33,7 @@ THROUGH_CLOTH = 0.60  # power passed, one way
 
 
 def phantom() -> tuple[Array, Array, Array]:
-    """Reflectivity, temperature in K, and mask, each (height, width), row 0 at the top."""
+    """Returns reflectivity, temperature in K, and mask, each (height, width), row 0 at the top."""
     columns, rows = PIXELS
     x, y = np.meshgrid(
         (np.arange(columns) + 0.5) / columns - 0.5, 1 - (np.arange(rows) + 0.5) / rows
@@ -71,7 +74,7 @@ def phantom() -> tuple[Array, Array, Array]:
 def _ellipsoid(
     x: Array, y: Array, center: tuple[float, float], half: tuple[float, float], depth: float
 ) -> Array:
-    """How far an ellipsoid stands out at each point, 0 beside it."""
+    """Returns how far an ellipsoid stands out at each point, in m; 0 beside it."""
     inside = 1 - ((x - center[0]) / half[0]) ** 2 - ((y - center[1]) / half[1]) ** 2
     return np.asarray(depth * np.sqrt(np.maximum(inside, 0.0)))
 
@@ -79,7 +82,7 @@ def _ellipsoid(
 def _limb(
     x: Array, y: Array, start: tuple[float, float], end: tuple[float, float], radius: float
 ) -> Array:
-    """How far a round rod between two points stands out."""
+    """Returns how far a round rod between two points stands out at each point, in m."""
     along = np.subtract(end, start)
     part = np.clip(((x - start[0]) * along[0] + (y - start[1]) * along[1]) / (along @ along), 0, 1)
     distance = np.hypot(x - start[0] - part * along[0], y - start[1] - part * along[1])
@@ -87,7 +90,7 @@ def _limb(
 
 
 def _pistol(x: Array, y: Array) -> NDArray[np.bool_]:
-    """Barrel, grip and trigger guard of a pistol at the belt, pointing down and inwards."""
+    """Returns where a pistol is, which points down and inwards at the belt."""
     turn = np.deg2rad(-62.0)
     u = (x - 0.07) * np.cos(turn) + (y - 0.46) * np.sin(turn)
     v = -(x - 0.07) * np.sin(turn) + (y - 0.46) * np.cos(turn)
@@ -100,7 +103,7 @@ def _pistol(x: Array, y: Array) -> NDArray[np.bool_]:
 
 
 def write(folder: Path) -> None:
-    """Writes the three pictures."""
+    """Writes the three pictures into a folder."""
     from PIL import Image
 
     reflectivity, temperature, mask = phantom()

@@ -92,7 +92,7 @@ class Active(Sensor):
             reflection=True,
             transmitter_m=p.transmitter_m,
             cutoff_depth=self._range_db() * np.log(10) / 20 + 2,
-            slant=p.spreading == "lambert",
+            gain=p.spreading,
             optics=p.optics,
             noise=p.speckle_looks is not None,
         )
@@ -108,10 +108,8 @@ class Active(Sensor):
         """Decibels over the floor, with the power in W."""
         p = self.params
         power = p.source_power_w * np.asarray(sight.returned[0], dtype=np.float64)
-        if p.spreading == "lambert":
-            power *= (
-                sight.cosine * p.aperture_m**2 / (4 * sight.path_length.astype(np.float64) ** 2)
-            )
+        if p.spreading == "lambert":  # what comes back to an area, of which the aperture has some
+            power *= np.pi / 4 * p.aperture_m**2
         if p.speckle_looks is not None:
             power *= rng.gamma(p.speckle_looks, 1 / p.speckle_looks, power.shape)
         floor = p.full_scale_w * 10 ** (-p.dynamic_range_db / 10)

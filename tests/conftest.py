@@ -17,7 +17,7 @@ sys.path.insert(0, str(Path(__file__).parent))
 @pytest.fixture(scope="session")
 def device():
     """PoCL's CPU, or whatever else is the default."""
-    from thzcl.device.opencl import open_device
+    from thzcl.device.choose import open_device
 
     return open_device()
 

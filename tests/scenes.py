@@ -5,7 +5,7 @@ from __future__ import annotations
 from copy import deepcopy
 
 from thzcl import pipeline
-from thzcl.scenario import toml
+from thzcl.scenario.text import dumps
 
 PLAIN = {
     "camera": {
@@ -57,7 +57,7 @@ def scene(**changes):
 def write(folder, data, name="scene"):
     """The data as TOML file."""
     file = folder / f"{name}.toml"
-    file.write_text(toml.dumps(data), encoding="utf-8")
+    file.write_text(dumps(data), encoding="utf-8")
     return file
 
 

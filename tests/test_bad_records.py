@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from hygrometer import RECORD, synthetic, write_csv
 
-from thzcl.records.columns import RecordError
+from thzcl.errors import RecordError
 from thzcl.records.study import study
 
 LINES = RECORD.read_text().splitlines(keepends=True)

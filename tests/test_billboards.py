@@ -1,10 +1,8 @@
-"""Billboards: pictures where they belong, the right way round.
-
-And only pictures that can be trusted.
-"""
+"""Billboards: pictures where they belong, the right way round, and none but sound ones."""
 
 from __future__ import annotations
 
+import os
 import struct
 import sys
 import zlib
@@ -15,9 +13,11 @@ import pytest
 from conftest import ROOT
 from PIL import Image
 from scenes import run, scene, write
+from test_files import in_time
 
 from thzcl import pipeline
-from thzcl.scenario import ScenarioError
+from thzcl.errors import FileError, ScenarioError
+from thzcl.scenario.scene import Billboard
 from thzcl.surfaces import texture
 
 BOARD = {
@@ -25,21 +25,22 @@ BOARD = {
     "image": "board.png", "quantity": "temperature", "range": [280.0, 320.0],
 }  # fmt: skip
 AHEAD = {
-    "camera__position_m": [0.0, 0.0, 5.0], "camera__look_at_m": [20.0, 0.0, 5.0], "camera__focal_length_mm": 100.0,
-    "camera__focal_plane_mm": [20.0, 15.0], "camera__pixels": [40, 30], "ground": None, "atmosphere__fluctuations": None,
+    "camera__position_m": [0.0, 0.0, 5.0], "camera__look_at_m": [20.0, 0.0, 5.0],
+    "camera__focal_length_mm": 100.0, "camera__focal_plane_mm": [20.0, 15.0],
+    "camera__pixels": [40, 30], "ground": None, "atmosphere__fluctuations": None,
     "atmosphere__model": "none",
 }  # fmt: skip
 
 
 def save(folder, values, name="board.png", bits=8):
-    """Values from 0 to 1 as greyscale picture."""
+    """Saves values from 0 to 1 as a greyscale picture."""
     kind = np.uint8 if bits == 8 else np.uint16
     Image.fromarray(np.rint(values * (2**bits - 1)).astype(kind)).save(folder / name)
 
 
 @pytest.fixture
 def ramp(tmp_path):
-    """Dark at the top left, brighter to the right and, less, downwards."""
+    """Saves board.png, dark at the top left, brighter to the right and, less, downwards."""
     y, x = np.mgrid[0:30, 0:40]
     values = (3 * x + y) / 150
     save(tmp_path, values)
@@ -49,10 +50,7 @@ def ramp(tmp_path):
 @pytest.mark.parametrize("bits", [8, 16])
 @pytest.mark.parametrize("interpolation", ["bilinear", "nearest"])
 def test_a_picture_is_seen_as_it_is(tmp_path, ramp, bits, interpolation):
-    """A board that fills the frame, one texel to a pixel: row 0 at the top.
-
-    Column 0 at the left.
-    """
+    """The board fills the frame, one texel to a pixel: row 0 at the top, column 0 at the left."""
     save(tmp_path, ramp, bits=bits)
     data = scene(**AHEAD, targets={"board": BOARD | {"interpolation": interpolation}})
     kelvin = run(tmp_path, data).variants[0].radiances.brightness_temperature[0]
@@ -187,7 +185,7 @@ def test_paths_stay_inside_the_scenarios_folder(tmp_path, thzcl_command):
 
 
 def bomb(path, side):
-    """A tiny PNG that says it is enormous."""
+    """Writes a tiny PNG that says it is enormous."""
 
     def chunk(name, data):
         return (
@@ -222,12 +220,53 @@ def array(values):
     return lambda folder: np.save(folder / "a.npy", values)
 
 
+def flat_array(value):
+    return lambda folder: np.save(folder / "a.npy", np.full((8, 8), value))
+
+
+def deep(folder, values):
+    Image.fromarray(np.array(values, dtype=np.int32)).save(folder / "deep.tif")
+
+
+def archive(folder):
+    np.savez(folder / "a.npz", np.ones((3, 3)))
+    (folder / "a.npz").rename(folder / "a.npy")
+
+
+def damaged_head(folder):
+    head = ("[" * 110).ljust(117).encode() + b"\n"
+    (folder / "a.npy").write_bytes(
+        b"\x93NUMPY\x01\x00" + len(head).to_bytes(2, "little") + head + bytes(512)
+    )
+
+
+def enormous_head(folder):
+    head = b"{'descr': '<f8', 'fortran_order': False, 'shape': (10000000, 10000000)}".ljust(117)
+    (folder / "a.npy").write_bytes(
+        b"\x93NUMPY\x01\x00" + (118).to_bytes(2, "little") + head + b"\n" + bytes(512)
+    )
+
+
+NPY = {"image": "a.npy", "range": None}
+REFLECTIVITY = NPY | {"quantity": "reflectivity", "temperature_k": 300.0}
 BAD = {
-    "missing": (lambda folder: folder, {}, "cannot be read: No such file"),
+    "missing": (
+        lambda folder: folder,
+        {},
+        "cannot be read: No such file or directory; paths start from the scenario's folder",
+    ),
+    "folder": (lambda f: (f / "board.png").mkdir(), {}, "a folder, not a regular file; give a PNG"),
+    "pipe": (lambda f: os.mkfifo(f / "board.png"), {}, "a pipe, not a regular file; give a PNG"),
+    "pipe as a mask": (
+        lambda f: (flat(f), os.mkfifo(f / "m.npy")),
+        {"mask": "m.npy"},
+        "a pipe, not a regular file",
+    ),
+    "link to itself": (lambda f: (f / "board.png").symlink_to("board.png"), {}, "mend the link"),
     "huge": (
         lambda f: (f / "board.png").write_bytes(b"\0" * 65_000_000),
         {},
-        "65 MB; textures may have 64 MB",
+        "65 MB, larger than 64 MB; give less",
     ),
     "truncated": (truncated, {}, "not a sound PNG or TIFF"),
     "no picture": (lambda f: (f / "board.png").write_text("hello"), {}, "not a sound PNG or TIFF"),
@@ -271,6 +310,34 @@ BAD = {
         {"image": "a.npy", "range": None},
         "not a sound .npy",
     ),
+    "array of another kind": (
+        array(np.zeros((4, 4), [("a", "f4")])),
+        NPY,
+        "must be a plane of numbers",
+    ),
+    "archive named array": (archive, NPY, "save one array with numpy.save"),
+    "array with a damaged head": (damaged_head, NPY, "not a sound .npy array"),
+    "array of an enormous head": (enormous_head, NPY, "not a sound .npy array"),
+    "empty array": (lambda f: (f / "a.npy").write_bytes(b""), NPY, "not a sound .npy array"),
+    "-5 K": (flat_array(-5.0), NPY, "-5 K; it must lie between 0 and 1e[+]19 K"),
+    "1e308 K": (flat_array(1e308), NPY, "1e[+]308 K; it must lie between 0 and 1e[+]19 K"),
+    "reflectivity of -5": (flat_array(-5.0), REFLECTIVITY, "-5; it must lie between 0 and 1"),
+    "reflectivity of 250": (flat_array(250), REFLECTIVITY, "250; it must lie between 0 and 1"),
+    "32 bit": (
+        lambda f: deep(f, np.arange(64).reshape(8, 8) * 10**8 // 3),
+        {"image": "deep.tif"},
+        "pixels of 0 to 2100000000.*; give 16 bit greyscale",
+    ),
+    "negative pixels": (
+        lambda f: deep(f, [[-1, 0], [1, 2]]),
+        {"image": "deep.tif"},
+        "pixels of -1 to 2",
+    ),
+    "32 bit as a mask": (
+        lambda f: (save(f, np.zeros((8, 8))), deep(f, np.full((8, 8), 10**8))),
+        {"mask": "deep.tif"},
+        "pixels of 100000000 to 100000000",
+    ),
     "two temperatures": (flat, {"temperature_k": 300.0}, "is given by the image"),
 }
 
@@ -280,8 +347,35 @@ def test_a_picture_that_cannot_be_trusted_is_refused(tmp_path, case):
     make, changes, expected = BAD[case]
     make(tmp_path)
     board = {k: v for k, v in (BOARD | changes).items() if v is not None}
-    with pytest.raises(ScenarioError, match=expected):
+    with in_time(30), pytest.raises(ScenarioError, match=expected):
         pipeline.prepare(write(tmp_path, scene(**AHEAD, targets={"board": board})))
+
+
+def test_pictures_are_held_to_the_limits_of_the_keys():
+    """What an array may hold is what the keys temperature_k and reflectivity may say."""
+    properties = Billboard.model_json_schema()["properties"]
+    for quantity, key in (("temperature", "temperature_k"), ("reflectivity", "reflectivity")):
+        number = properties[key].get("anyOf", [properties[key]])[0]
+        assert texture.QUANTITIES[quantity][:2] == (number["minimum"], number["maximum"])
+
+
+def test_ends_beyond_the_limits_are_refused_as_values_are(tmp_path):
+    flat(tmp_path)
+    with pytest.raises(FileError, match=r"a reflectivity of 1\.5; it must lie between 0 and 1"):
+        texture.read(tmp_path / "board.png", (0.0, 1.5), "reflectivity")
+
+
+def test_16_bits_in_a_tiff_of_32_are_read(tmp_path):
+    deep(tmp_path, [[0, 13107], [65535, 1]])
+    found = texture.read(tmp_path / "deep.tif", (200.0, 300.0), "temperature")
+    assert found.values == pytest.approx(np.array([[0, 0.2], [1, 1 / 65535]]))
+
+
+def test_a_picture_that_changed_is_read_again(tmp_path):
+    for value in (280.0, 290.0):
+        np.save(tmp_path / "a.npy", np.full((4, 4), value))
+        os.utime(tmp_path / "a.npy", ns=(0, int(value)))  # clocks of files may be coarse
+        assert texture.read(tmp_path / "a.npy", None, "temperature").low == value
 
 
 def test_the_phantom_is_what_its_script_draws(tmp_path):
@@ -292,7 +386,7 @@ def test_the_phantom_is_what_its_script_draws(tmp_path):
     for name in ("reflectivity", "temperature", "mask"):
         file = f"phantom_{name}.png"
         drawn, shipped = (
-            texture.read(folder / file, (0.0, 1.0)).values
+            texture.read(folder / file, (0.0, 1.0), "reflectivity").values
             for folder in (tmp_path, ROOT / "scenarios")
         )
         assert np.array_equal(drawn, shipped)

@@ -11,9 +11,9 @@ from test_trace import expected
 from thzcl import pipeline
 from thzcl.air import radiometry
 from thzcl.air.mean import Air
-from thzcl.error.reference import exact, walk
+from thzcl.error.twin import exact, walk
 from thzcl.plan import report as overview
-from thzcl.scenario import shipped
+from thzcl.scenario.source import shipped
 
 HZ = 650e9
 KNOBS = [

@@ -1,6 +1,6 @@
-"""No silent NaN: a number that is none ends the run with its pixel and ray.
+"""No silent NaN: a value that is no number ends the run, with its pixel and ray named.
 
-And what was computed is kept.
+What was computed before is kept.
 """
 
 from __future__ import annotations
@@ -12,27 +12,27 @@ import oracle
 import pytest
 from scenes import run, scene
 
-from thzcl.plan.checks import NumbersError
-from thzcl.plan import exposure
+from thzcl.errors import NumbersError
+from thzcl.sensing.pixels import PixelsSpec
 
 ACTIVE = {"kind": "active", "frequency_ghz": 650.0, "dynamic_range_db": 80.0}
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
 @pytest.mark.parametrize(
-    ("sensor", "plane"), [(None, "contrast"), (None, "optical_depth"), (ACTIVE, "returned")]
+    ("sensor", "plane"), [(None, "contrast"), (None, "depth"), (ACTIVE, "contrast")]
 )
 def test_a_number_that_is_none_ends_the_run(tmp_path, monkeypatch, value, sensor, plane):
     """Of two bad pixels the first is named, with the direction of its ray as the oracle has it."""
-    healthy = exposure.develop
+    healthy = PixelsSpec.run
 
-    def spoilt(captures, clock):
-        sight = healthy(captures, clock)
-        values = np.array(getattr(sight, plane))
+    def spoilt(spec, device, parts):
+        pixels = healthy(spec, device, parts)
+        values = np.array(getattr(pixels, plane))
         values[0, 7, 3] = values[0, 9, 1] = value
-        return replace(sight, **{plane: values})
+        return replace(pixels, **{plane: values})
 
-    monkeypatch.setattr(exposure, "develop", spoilt)
+    monkeypatch.setattr(PixelsSpec, "run", spoilt)
     data = scene(numerics={"error_budget": False}, **({"sensor": sensor} if sensor else {}))
     with pytest.raises(
         NumbersError, match="2 pixels are not finite numbers; the first is row 7, column 3"
@@ -56,7 +56,7 @@ def test_a_number_that_is_none_ends_the_run(tmp_path, monkeypatch, value, sensor
 
 
 def test_depths_beyond_every_exponential_are_numbers(tmp_path):
-    """A saturated line through a kilometre: thousands of depths, and no NaN from them."""
+    """A saturated line along 100 km makes thousands of depths, and no NaN of them."""
     data = scene(
         sensor={"kind": "passive-spectral", "frequency_ghz": 556.936},
         background__max_range_m=1e5,

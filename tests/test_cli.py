@@ -16,6 +16,8 @@ import pytest
 from conftest import ROOT
 from scenes import scene, write
 
+from thzcl.commands.app import COMMANDS
+
 STAGES = [
     "surrogate",
     "humidity-field",
@@ -32,27 +34,22 @@ STAGES = [
 ]
 
 
-def test_help_imports_nothing_heavy():
-    code = "import sys; from thzcl.commands.entry import entry; entry(['--help']); print({'numpy', 'pyopencl'} & set(sys.modules))"
-    done = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, cwd=ROOT, check=True
-    )
-    assert done.stdout.strip().endswith("set()")
-    for command in (
-        "run",
-        "check",
-        "plan",
-        "bench",
-        "absorption",
-        "sensors",
-        "scenarios",
-        "new",
-        "schema",
-        "devices",
-        "doctor",
-        "convergence",
-    ):
-        assert command in done.stdout
+def test_help_names_every_command_and_swallows_nothing(thzcl_command):
+    told = thzcl_command("--help").stdout
+    assert all(f" {command} " in told for command in COMMANDS)
+    for command in COMMANDS:
+        done = thzcl_command(command, "-h")
+        assert done.returncode == 0
+        assert "Usage: thzcl" in done.stdout
+        assert done.stdout.splitlines()[3].strip()  # what it does
+    assert "as [sensor] kind" in thzcl_command("new-sensor", "--help").stdout
+
+
+def test_help_without_a_command_and_advice_for_a_mistyped_one(thzcl_command):
+    bare = thzcl_command()
+    assert bare.returncode == 2
+    assert "Usage: thzcl" in bare.stdout
+    assert "Did you mean 'run'" in thzcl_command("rum").stderr
 
 
 def test_run_writes_what_it_says(thzcl_json, tmp_path):
@@ -270,6 +267,10 @@ WRONG = {
         "did you mean pixels",
     ),
     "frequency out of range": (("absorption", "--frequency-ghz", "2000"), "up to 1780 GHz"),
+    "picture of another kind": (
+        ("absorption", "--frequency-ghz", "600", "--figure", "a.pdf"),
+        "let its name end in .png",
+    ),
     "frequency no number": (("absorption", "--frequency-ghz", "x"), "not a number"),
     "two humidities": (
         (
@@ -336,45 +337,9 @@ def test_a_full_disk_leaves_nothing_half_written(thzcl_command, tmp_path):
 
     done = thzcl_command("run", "quick", "-o", "out", preexec_fn=small_files_only)
     assert done.returncode == 2
-    assert "make room" in done.stderr
-    assert "Traceback" not in done.stderr
+    assert done.stderr.startswith("out/quick.nc: File too large; raise the limit")
+    assert len(done.stderr.splitlines()) == 1
     assert list((tmp_path / "out").iterdir()) == []
-
-
-def test_an_interrupt_exits_130_and_leaves_nothing(tmp_path):
-    scenario = write(
-        tmp_path, scene(camera__pixels=[4000, 3000], background__max_range_m=2000.0, ground=None)
-    )
-    command = [sys.executable, "-m", "thzcl", "run", str(scenario), "-o", str(tmp_path / "out")]
-    environment = os.environ | {"PYTHONPATH": str(ROOT)}
-    with subprocess.Popen(command, env=environment, stderr=subprocess.PIPE, text=True) as process:
-        deadline = time.monotonic() + 60
-        while not (tmp_path / "out").exists() and time.monotonic() < deadline:
-            time.sleep(0.02)
-        time.sleep(0.3)
-        process.send_signal(signal.SIGINT)
-        _, errors = process.communicate(timeout=120)
-    assert process.returncode == 130
-    assert "interrupted" in errors
-    assert "Traceback" not in errors
-    assert list((tmp_path / "out").iterdir()) == []
-
-
-def test_a_reader_that_stops_reading_is_no_error(tmp_path):
-    command = (
-        f"{sys.executable} -m thzcl absorption --frequency-ghz 1:1000:0.1 --format csv | head -1"
-    )
-    environment = os.environ | {"PYTHONPATH": str(ROOT)}
-    done = subprocess.run(
-        ["/bin/sh", "-c", command],
-        capture_output=True,
-        text=True,
-        cwd=tmp_path,
-        env=environment,
-        check=True,
-    )
-    assert done.stdout.startswith("frequency_ghz,")
-    assert done.stderr == ""
 
 
 def test_listings(thzcl_command, thzcl_json):

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from scenes import scene, write
 
-from thzcl.device.opencl import open_device
-from thzcl.scenario import ScenarioError
+from thzcl.device.choose import open_device
+from thzcl.errors import ScenarioError
 from thzcl.studies.convergence import Point, study
 from thzcl.studies.convergence.knobs import KNOBS
 from thzcl.studies.convergence.study import default_over_front, front

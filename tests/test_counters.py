@@ -7,10 +7,11 @@ from __future__ import annotations
 
 import pytest
 
-from thzcl import pipeline, scenario
+from thzcl import pipeline
 from thzcl.clock import Clock
-from thzcl.device.opencl import open_device
+from thzcl.device.choose import open_device
 from thzcl.plan.compute import recipes
+from thzcl.scenario.source import shipped
 
 # Change these where a scene, a kernel's place in the flow, or what is handed to it changes on
 # purpose, and say why; never because a change that should not have touched them did. They hold for
@@ -47,7 +48,7 @@ def counted():
     return call
 
 
-@pytest.mark.parametrize("name", list(scenario.shipped()))
+@pytest.mark.parametrize("name", list(shipped()))
 def test_every_scene_crosses_as_many_voxels_as_ever(counted, name):
     assert counted(name, 16, 16)[0] == SEGMENTS.get(name)
 
@@ -60,7 +61,7 @@ def test_the_device_is_asked_to_do_as_much_as_ever(counted):
     assert counted("slide", 64, 64)[1] == COUNTERS
 
 
-@pytest.mark.parametrize("name", list(scenario.shipped()))
+@pytest.mark.parametrize("name", list(shipped()))
 def test_what_will_be_built_is_known_beforehand(name):
     """So that two processes can share the work of a first run: no program too few.
 

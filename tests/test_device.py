@@ -1,20 +1,26 @@
-"""Devices: what is said where there is none, no linker, or an unknown processor.
+"""Devices: what is said without one, without a linker, or on a processor that PoCL does not know.
 
-And that caches are only caches.
+Caches are only caches, and memory is what the process may use of it.
 """
 
 from __future__ import annotations
 
+import resource
 import shutil
 import subprocess
 import sys
+import warnings
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from thzcl.device import linker
-from thzcl.device import opencl as devices
+from thzcl.device import choose, linker, memory, probe
+from thzcl.device.choose import open_device
+from thzcl.errors import DeviceError
+
+GRID = 16
+SURFACES = (("surfaces/camera", "surfaces/surfaces"), "float32", ("GROUND",))
 
 pocl_only = pytest.mark.skipif(shutil.which("ld") is None, reason="needs a linker to take away")
 
@@ -74,10 +80,7 @@ def test_with_a_linker_that_fails_nothing_crashes(thzcl_command, tmp_path):
 
 
 def test_the_shim_passes_on_what_zig_understands(tmp_path, monkeypatch):
-    """With ziglang in place of ld: libraries and their folders are dropped.
-
-    The rest is handed on.
-    """
+    """With ziglang in place of ld, libraries and their folders are dropped, the rest handed on."""
     monkeypatch.setenv("PATH", "/nonexistent")
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     monkeypatch.setattr(linker, "find_spec", lambda name: name)
@@ -102,11 +105,17 @@ def test_the_shim_passes_on_what_zig_understands(tmp_path, monkeypatch):
 
 def test_choosing_a_device(device):
     name = device.info.name
-    assert devices.open_device("0").info.number == 0
-    assert devices.open_device(name[:8]).info.name == name
-    for choice, expected in (("99", "no device 99"), ("toaster", "no device fits")):
-        with pytest.raises(devices.DeviceError, match=expected):
-            devices.open_device(choice)
+    assert open_device("0").info.number == 0
+    assert open_device(name[:8]).info.name == name
+    wrong = {
+        "99": "no device 99",
+        "9" * 5000: "no device 9",
+        "toaster": "no device fits",
+        "²": "no device fits",
+    }
+    for choice, expected in wrong.items():
+        with pytest.raises(DeviceError, match=expected):
+            open_device(choice)
 
 
 def test_kernels_build_on_this_processor_whatever_pocl_calls_it(device):
@@ -118,53 +127,154 @@ def test_kernels_build_on_this_processor_whatever_pocl_calls_it(device):
 
 def test_a_spoilt_cache_is_built_again(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    first = devices.open_device()
-    first.build(("surfaces/camera", "surfaces/surfaces"), "float32", ("GROUND",))
+    open_device().build(*SURFACES)
     (cached,) = (tmp_path / "thzcl" / "programs").iterdir()
     cached.write_bytes(cached.read_bytes()[:-1] + b"?")
-    again = devices.open_device()
-    again.build(("surfaces/camera", "surfaces/surfaces"), "float32", ("GROUND",))
+    open_device().build(*SURFACES)
     assert not cached.read_bytes().endswith(b"?")
 
 
-@pocl_only
-def test_a_first_run_is_helped(tmp_path, monkeypatch):
-    """With empty caches a child builds what it is told to, after a first kernel.
+def test_remarks_of_a_driver_on_its_builds_reach_nobody(tmp_path, monkeypatch):
+    """Neither on a build from source nor on one from an earlier run's binary."""
+    import pyopencl
 
-    What it leaves is as good as one's own.
-    """
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    wanted = [
-        devices.Recipe(("turbulence/field",), "float32", ("TWO_FIELDS=0",)),
-        devices.Recipe(("surfaces/camera", "surfaces/surfaces"), "float32"),
-    ]
-    devices.open_device(None, wanted)
-    programs = list((tmp_path / "thzcl" / "programs").iterdir())
-    assert len(programs) == len(wanted)
-    assert len(list((tmp_path / "thzcl" / "probed").iterdir())) == 1
-    monkeypatch.setattr(
-        devices.Device, "_compiled", lambda *_: pytest.fail("nothing is left to build")
+    built, builds = pyopencl.Program.build, []
+
+    def talkative(self, *arguments, **options):
+        builds.append(self)
+        warnings.warn("a driver's remark", pyopencl.CompilerWarning, stacklevel=2)
+        return built(self, *arguments, **options)
+
+    opened = [open_device(), open_device()]
+    monkeypatch.setattr(pyopencl.Program, "build", talkative)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        for one in opened:
+            one.build(*SURFACES)
+    assert len(builds) == len(opened)
+
+
+def test_what_a_compiler_refuses_is_a_device_error(device):
+    with pytest.raises(DeviceError, match="cannot build kernels"):
+        device.compile("__kernel void broken(", [])
+
+
+@pocl_only
+def test_a_child_goes_first_once_for_each_driver_and_linker(tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    children, run = [], subprocess.run
+
+    def counted(command, **options):
+        children.append(command)
+        return run(command, **options)
+
+    monkeypatch.setattr(subprocess, "run", counted)
+    open_device()
+    open_device()
+    assert len(children) == 1
+    (mark,) = (tmp_path / "thzcl" / "probed").iterdir()
+    mark.unlink()
+    monkeypatch.setattr(probe, "PROVED", "what no child says")
+    with pytest.raises(DeviceError, match="could not be built and run"):
+        open_device()
+    assert len(children) == 2
+    assert not mark.exists()
+
+
+def test_thzcl_opens_a_device():
+    import thzcl
+
+    assert thzcl.open_device("0").info == choose.devices()[0]
+
+
+def rounding(cube):
+    """The rounding of a transform: of each value once for every doubling of its size."""
+    return np.finfo(cube.dtype).eps * np.log2(cube.size) * np.abs(cube).max()
+
+
+@pytest.mark.parametrize("library", ["scipy", "reikna"])
+@pytest.mark.parametrize("dtype", [np.complex64, np.complex128])
+def test_a_full_spectrum_becomes_a_cube_in_place(device, library, dtype):
+    if library == "reikna" and not device.float64 and dtype == np.complex128:
+        pytest.skip("the device has no float64")
+    rng = np.random.default_rng(5)
+    shape = (GRID,) * 3
+    cube = (rng.standard_normal(shape) + 1j * rng.standard_normal(shape)).astype(dtype)
+    spectrum = device.put(np.fft.fftn(cube).astype(dtype))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # reikna's own, of its Mako templates
+        result = device.inverse_transform(spectrum, GRID, library)
+    assert result is spectrum
+    assert np.abs(result.host() - cube).max() < rounding(cube)
+
+
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+def test_a_half_spectrum_becomes_a_real_cube(device, dtype):
+    cube = np.random.default_rng(6).standard_normal((GRID,) * 3).astype(dtype)
+    half = np.fft.rfftn(cube).astype(np.result_type(dtype, np.complex64))
+    result = device.inverse_transform(device.put(half), GRID, "scipy").host()
+    assert result.dtype == dtype
+    assert np.abs(result - cube).max() < rounding(cube)
+
+
+def test_reikna_compiles_once_for_each_size(monkeypatch):
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        import reikna.fft
+
+        compiled, shapes = reikna.fft.FFT.compile, []
+
+        def counted(self, *arguments, **options):
+            shapes.append(self)
+            return compiled(self, *arguments, **options)
+
+        monkeypatch.setattr(reikna.fft.FFT, "compile", counted)
+        opened = open_device()
+        for size in (8, 8, 10, 8):
+            opened.inverse_transform(opened.put(np.ones((size,) * 3, np.complex64)), size, "reikna")
+    assert len(shapes) == 2
+
+
+def test_memory_is_the_least_of_all_limits_on_it(tmp_path, monkeypatch):
+    """Of control groups of both versions, the limits of every group above count too."""
+    groups, proc = tmp_path / "cgroup", tmp_path / "proc"
+    (groups / "outer" / "inner").mkdir(parents=True)
+    (groups / "memory" / "old").mkdir(parents=True)
+    proc.mkdir()
+    monkeypatch.setattr(memory, "CGROUPS", groups)
+    monkeypatch.setattr(memory, "PROC", proc)
+    unlimited = memory.available_memory()  # no membership is told: the machine's own
+    (proc / "cgroup").write_text("0::/outer/inner\n5:cpu,memory:/old\n", encoding="ascii")
+    limit = groups / "outer" / "inner" / "memory.max"
+    above = groups / "outer" / "memory.max"
+    older = groups / "memory" / "old" / "memory.limit_in_bytes"
+    limit.write_text("max\n", encoding="ascii")
+    assert memory.available_memory() == unlimited
+    for file, size in ((limit, 3_000_000), (above, 2_000_000), (older, 1_000_000)):
+        file.write_text(f"{size}\n", encoding="ascii")
+        assert memory.available_memory() == size
+    (proc / "cgroup").write_text("0::/of/the/host\n", encoding="ascii")  # seen from a container
+    (groups / "memory.max").write_text("4000000\n", encoding="ascii")
+    assert memory.available_memory() == 4_000_000
+
+
+def test_a_limited_address_space_counts_less_what_is_mapped():
+    limit = 2_000_000_000
+    code = "from thzcl.device.memory import available_memory; print(available_memory())"
+
+    def limited():
+        resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
+
+    done = subprocess.run(
+        [sys.executable, "-c", code],
+        capture_output=True,
+        text=True,
+        check=True,
+        preexec_fn=limited,
+        cwd=Path(__file__).parents[1],
     )
-    again = devices.open_device(None, wanted)
-    for recipe in wanted:
-        again.build(*recipe)
-
-
-@pocl_only
-def test_a_helper_that_dies_is_done_without(tmp_path, monkeypatch):
-    """Once a linker is proved: then what it was to build is built here."""
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    devices.open_device()
-    monkeypatch.setattr(sys, "executable", shutil.which("false"))
-    wanted = [
-        devices.Recipe(("paths/thinning",), "float32", (f"MOMENTS={moments}",))
-        for moments in range(1, 5)
-    ]
-    opened = devices.open_device(None, wanted)
-    assert len(list((tmp_path / "thzcl" / "programs").iterdir())) == len(wanted) - 1
-    for recipe in wanted:
-        opened.build(*recipe)
-    assert len(list((tmp_path / "thzcl" / "programs").iterdir())) == len(wanted)
+    assert limit / 2 < int(done.stdout) < limit
 
 
 def test_buffers_outlive_the_kernels_that_use_them(device):

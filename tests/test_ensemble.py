@@ -8,7 +8,7 @@ from scenes import run, scene, write
 
 from thzcl import pipeline
 from thzcl.plan import report as overview
-from thzcl.scenario import ScenarioError
+from thzcl.errors import ScenarioError
 from thzcl.studies.ensemble import Running, realization
 
 

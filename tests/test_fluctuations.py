@@ -16,8 +16,8 @@ import scipy.optimize
 import scipy.signal
 from hygrometer import RECORD, synthetic
 
+from thzcl.errors import RecordError
 from thzcl.records import analysis, record
-from thzcl.records.columns import RecordError
 from thzcl.records.study import study
 
 KEYS = (

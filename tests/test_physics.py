@@ -61,7 +61,7 @@ def result_with_uniform_cube(result, grams):
     """So that the oracle's geometry can be asked about a run without a field."""
     import dataclasses
 
-    from thzcl.results.result import Cube
+    from thzcl.results.contents import Cube
 
     return dataclasses.replace(result, cubes=(Cube(np.full((16, 16, 16), grams), None, 0.7),))
 

@@ -118,7 +118,7 @@ def test_warnings_where_a_user_should_think_twice(tmp_path):
 
 
 def test_variants_stand_in_one_file_or_are_refused(tmp_path):
-    from thzcl.scenario import ScenarioError
+    from thzcl.errors import ScenarioError
 
     with pytest.raises(ScenarioError, match="must have the same pixels"):
         plan(

@@ -6,10 +6,17 @@ import json
 import os
 import subprocess
 import sys
+from importlib import import_module
+from types import SimpleNamespace
 
+import numpy as np
 import pytest
 from conftest import ROOT
 from scenes import scene, write
+
+from thzcl.plugins.template import write_package
+from thzcl.scenario.sensors import HOOK
+from thzcl.sensor import CONTRACT, Image, Sensor
 
 
 @pytest.fixture(scope="module")
@@ -104,9 +111,10 @@ def register_sensors(): return [Odd]
 BROKEN = {
     "raises on import": ("raise RuntimeError('no licence')", "RuntimeError: no licence"),
     "exits on import": ("import sys; sys.exit('bye')", "SystemExit: bye"),
+    "interrupts on import": ("raise KeyboardInterrupt", "KeyboardInterrupt"),
     "another version": (
-        GOOD.replace("contract = 1", "contract = 2"),
-        "written for version 2 of the sensor contract, this thzcl has",
+        GOOD.replace("contract = 1", "contract = 99"),
+        "written for version 99 of the sensor contract, this thzcl has",
     ),
     "no version": (GOOD.replace("contract = 1", ""), "written for version None"),
     "misspelt hook": (
@@ -159,8 +167,15 @@ def test_a_name_claimed_twice_is_reported(thzcl_command, tmp_path):
     assert "claimed by thzcl and thief" in doctor.stdout
 
 
+PASSES = {
+    "a fact of float32": "return Image(kelvin, 'K', 'x', facts={'a': (np.float32(1), 'K')})",
+    "a list": "return Image(kelvin.tolist(), 'K', 'x')",
+    "truth values": "return Image(kelvin > 0, '1', 'x')",
+}
 FAILS = {
     "raises": ("raise ZeroDivisionError('of course')", "ZeroDivisionError: of course"),
+    "exits": ("import sys; sys.exit(0)", "SystemExit: 0"),
+    "interrupts": ("raise KeyboardInterrupt", "KeyboardInterrupt"),
     "wrong shape": (
         "return Image(np.zeros((2, 2)), 'K', 'x')",
         "returned image of shape (2, 2); the image has (12, 16)",
@@ -169,9 +184,48 @@ FAILS = {
         "return Image(np.full(sight.target.shape, np.nan), 'K', 'x')",
         "values that are not finite",
     ),
+    "beyond float32": ("return Image(kelvin * 1e298, 'K', 'x')", "not finite as float32"),
     "wrong type": ("return 3", "returned int instead of an Image"),
     "text": ("return Image(np.full(sight.target.shape, 'a'), 'K', 'x')", "not numbers"),
+    "writes into its inputs": ("sight.optical_depth[...] = np.nan", "read-only"),
+    "writes into what it computed": (
+        "sight.brightness_temperature_contrast[...] = np.nan",
+        "read-only",
+    ),
+    "a layer named as a variable": (
+        "return Image(kelvin, 'K', 'x', layers={'radiance': Layer(kelvin, 'K', 'x')})",
+        "'radiance', as the result file's own",
+    ),
+    "a layer in a group": (
+        "return Image(kelvin, 'K', 'x', layers={'a/b': Layer(kelvin, 'K', 'x')})",
+        "'a/b', which cannot name a netCDF variable",
+    ),
+    "a fact that is none": (
+        "return Image(kelvin, 'K', 'x', facts={'a': (float('nan'), 'K')})",
+        "a fact 'a' whose value is not a finite number",
+    ),
 }
+OBSERVE = 'return Image(sight.brightness_temperature[0], "K", "kelvin")'
+
+
+def observing(body):
+    """A sensor whose observe() has another body."""
+    first = "kelvin = sight.brightness_temperature[0]"
+    return GOOD.replace(OBSERVE, f"{first}; {body}").replace("Image, Needs", "Image, Layer, Needs")
+
+
+@pytest.mark.parametrize("case", PASSES)
+def test_common_slips_do_no_harm(thzcl_json, tmp_path, case):
+    import h5netcdf
+
+    environment = plugin(tmp_path, observing(PASSES[case]))
+    file = write(tmp_path, scene(sensor={"kind": "odd"}))
+    found = thzcl_json("run", file, env=environment)  # with its figure
+    with h5netcdf.File(tmp_path / "scene.nc") as stored:
+        mean = float(stored["image"][...].mean())
+    assert mean == 1 if case == "truth values" else 280 < mean < 300
+    facts = {"a": {"value": 1.0, "unit": "K"}} if "fact" in case else {}
+    assert found["variants"][0]["facts"] == facts
 
 
 @pytest.mark.parametrize("case", FAILS)
@@ -179,19 +233,27 @@ def test_a_sensor_that_fails_keeps_the_radiances(thzcl_command, tmp_path, case):
     import h5netcdf
 
     body, expected = FAILS[case]
-    old = 'return Image(sight.brightness_temperature[0], "K", "kelvin")'
-    environment = plugin(tmp_path, GOOD.replace(old, body))
+    environment = plugin(tmp_path, observing(body))
     done = thzcl_command("run", write(tmp_path, scene(sensor={"kind": "odd"})), env=environment)
     assert done.returncode == 4
     assert expected in done.stderr and "odd-sensors" in done.stderr and "scene.nc" in done.stderr
     assert "Traceback" not in done.stderr
     with h5netcdf.File(tmp_path / "scene.nc") as kept:
         assert "radiance" in kept.variables and "image" not in kept.variables
+        assert np.isfinite(kept["optical_depth"][...]).all()
 
 
 NEEDS = {
     "raises ValueError": ("raise ValueError('gain: too high')", 2, "[sensor] gain: too high"),
     "raises anything": ("raise KeyError('x')", 4, "KeyError"),
+    "exits": ("import sys; sys.exit(0)", 4, "SystemExit: 0"),
+    "words": ("return Needs(frequency_hz=['a'])", 4, "not made of numbers"),
+    "weights of zero": (
+        "return Needs(frequency_hz=[650e9], weights=[[0.0]])",
+        4,
+        "weights whose sum over a band is not above 0",
+    ),
+    "writes into its inputs": ("view.lines_hz[...] = 0", 2, "read-only"),
     "wrong type": ("return None", 4, "returned NoneType instead of Needs"),
     "no frequency": ("return Needs(frequency_hz=[])", 4, "not a list of ascending numbers"),
     "too high": ("return Needs(frequency_hz=[2e12])", 2, "MPM93 ends at 1780 GHz"),
@@ -210,7 +272,55 @@ def test_needs_are_checked_before_anything_is_computed(thzcl_command, tmp_path, 
     done = thzcl_command("run", write(tmp_path, scene(sensor={"kind": "odd"})), env=environment)
     assert done.returncode == code
     assert expected in done.stderr and "Traceback" not in done.stderr
+    assert code == 2 or "odd-sensors" in done.stderr
     assert not (tmp_path / "scene.nc").exists()
+
+
+EARLY = {
+    "constructor": ("def __init__(self, *_): raise OSError('no licence')", "OSError: no licence"),
+    "troubles": (
+        "class Params(Parameters):\n        def troubles(self): return int('x')",
+        "troubles() raised ValueError",
+    ),
+    "no troubles": (
+        "class Params(Parameters):\n        def troubles(self): return ['x']",
+        "AttributeError",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", EARLY)
+def test_what_fails_before_needs_is_named_too(thzcl_command, tmp_path, case):
+    body, expected = EARLY[case]
+    environment = plugin(tmp_path, GOOD.replace("    def needs", f"    {body}\n    def needs"))
+    done = thzcl_command("check", write(tmp_path, scene(sensor={"kind": "odd"})), env=environment)
+    assert done.returncode == 4
+    assert expected in done.stderr and "odd-sensors" in done.stderr
+    assert "Traceback" not in done.stderr
+
+
+def test_a_wrapped_sensor_that_fails_is_named(thzcl_command, tmp_path):
+    environment = plugin(tmp_path, observing("raise ZeroDivisionError('of course')"))
+    sensor = {
+        "kind": "raster-scan",
+        "timing": "raster",
+        "dwell_s": 1e-3,
+        "detector": {"kind": "odd"},
+    }
+    done = thzcl_command("run", write(tmp_path, scene(sensor=sensor)), env=environment)
+    assert done.returncode == 4
+    assert 'sensor "raster-scan" of thzcl, around sensor "odd" of odd-sensors' in done.stderr
+
+
+def test_an_interrupt_by_the_user_interrupts_whatever_a_plugin_does(thzcl_command, tmp_path):
+    body = """
+        import os, signal
+        try: os.kill(os.getpid(), signal.SIGINT)
+        except BaseException: pass
+        """
+    environment = plugin(tmp_path, GOOD.replace(OBSERVE, body + OBSERVE))
+    done = thzcl_command("run", write(tmp_path, scene(sensor={"kind": "odd"})), env=environment)
+    assert done.returncode == 130, done.stderr
 
 
 def test_a_new_sensor_installs_and_runs_as_it_is(thzcl_command, tmp_path):
@@ -251,6 +361,19 @@ def test_a_new_sensor_installs_and_runs_as_it_is(thzcl_command, tmp_path):
     ):
         done = thzcl_command("new-sensor", name)
         assert done.returncode == 2 and expected in done.stderr
+
+
+@pytest.mark.parametrize("name", ["image", "sensor", "none", "needs", "my-sensor"])
+def test_a_new_sensors_name_hides_nothing_that_it_needs(tmp_path, monkeypatch, name):
+    folder = write_package(HOOK, name, tmp_path)
+    (file,) = folder.glob("thzcl_*.py")
+    monkeypatch.syspath_prepend(folder)
+    (made,) = import_module(file.stem).register_sensors()
+    assert issubclass(made, Sensor) and made.name == name and made.contract == CONTRACT
+    sight = SimpleNamespace(brightness_temperature=np.full((1, 2, 3), 300.0))
+    params = made.Params(frequency_ghz=650.0, gain=2.0)
+    image = made(params).observe(sight, np.random.default_rng(0))
+    assert isinstance(image, Image) and (image.values == 600).all()
 
 
 def test_only_the_chosen_sensor_is_imported():

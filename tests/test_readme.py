@@ -8,7 +8,7 @@ import shlex
 import pytest
 from conftest import ROOT
 
-from thzcl import scenario
+from thzcl.scenario.source import shipped
 
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 BLOCKS = re.findall(r"```(\w+)\n(.*?)```", README, re.DOTALL)
@@ -50,7 +50,7 @@ def test_every_python_example_works(code):
 
 
 def test_every_shipped_scene_and_picture_is_there():
-    for name in scenario.shipped():
+    for name in shipped():
         assert f"`{name}`" in README
     pictures = re.findall(r"!\[.*?\]\((.*?)\)", README)
     assert pictures

@@ -5,15 +5,22 @@ from __future__ import annotations
 import errno
 import itertools
 import json
+import warnings
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
 import h5netcdf
 import numpy as np
 import pytest
-from scenes import run, scene
+from scenes import run, scene, write
 
+from thzcl import pipeline
 from thzcl.air import radiometry
+from thzcl.errors import FileError
+from thzcl.results import figure
+from thzcl.results.netcdf import attributes, reserved_names, variables
+from thzcl.sensor import Layer
 
 METHODS = ("write", "readinto", "seek", "truncate", "flush", "close")
 
@@ -140,7 +147,7 @@ def test_a_saved_cube_is_the_next_scenes_air(two, tmp_path):
 def test_a_cube_that_cannot_be_used_is_refused(tmp_path, shape, fill, expected):
     from test_trace import write_cube
 
-    from thzcl.scenario import ScenarioError
+    from thzcl.errors import ScenarioError
 
     write_cube(tmp_path / "cube.nc", np.full(shape, fill), 0.5)
     with pytest.raises(ScenarioError, match=expected):
@@ -148,14 +155,104 @@ def test_a_cube_that_cannot_be_used_is_refused(tmp_path, shape, fill, expected):
 
 
 def test_it_shows_itself_in_a_notebook(two):
-    shown = two[0]._repr_html_()
+    shown = replace(two[0], scenario="<b>")._repr_html_()
     assert "<table>" in shown and "box" in shown and " K</td>" in shown
+    assert "<b>" not in shown and "&lt;b&gt;" in shown
 
 
-def test_pictures_of_odd_shapes_can_be_drawn(tmp_path):
-    for pixels in ([1, 1], [40, 1], [1, 40]):
-        result = run(tmp_path, scene(camera__pixels=pixels))
-        assert result.figure(tmp_path / "odd.png").stat().st_size > 1000
+LONG = "$5$ a name that goes on for much longer than a panel is wide " + "x" * 90
+
+
+@pytest.mark.parametrize(
+    ("pixels", "plane"), [([1, 1], [9.0, 9.0]), ([40, 1], [9.0, 0.3]), ([2, 40], [0.4, 9.0])]
+)
+def test_pictures_of_odd_shapes_fit_with_all_their_words(tmp_path, pixels, plane):
+    """Long names are folded, "$" is no mathematics, and no letter is cut or lies on another."""
+    changes = {"camera__pixels": pixels, "camera__focal_plane_mm": plane}
+    several = {
+        "numerics": {"realizations": 2},
+        "variants": [
+            {"name": LONG, "set": {}},
+            {"name": "日本", "set": {"atmosphere.temperature_k": 280.0}},
+        ],
+    }
+    for more in ({}, several):
+        result = pipeline.run(write(tmp_path, scene(**changes, **more), "long_name_" * 9))
+        drawn = picture(result)
+        width, height = drawn.canvas.get_width_height()
+        title = drawn.get_suptitle()
+        assert title.replace("\n", "").replace(" ", "").startswith("long_name_" * 9 + ":650GHz")
+        boxes = [drawn.texts[0].get_window_extent()]
+        boxes += [axes.title.get_window_extent() for axes in drawn.axes if axes.title.get_text()]
+        for box in boxes:
+            assert box.x0 >= 0 and box.x1 <= width
+            assert box.y0 >= 0 and box.y1 <= height
+        for one, other in itertools.combinations(boxes, 2):
+            assert not one.overlaps(other)
+
+
+def picture(result):
+    """The matplotlib figure of a result; a font may lack letters."""
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "Glyph")
+        drawn = figure.picture(result)
+        drawn.canvas.draw()
+    return drawn
+
+
+def test_a_picture_is_of_the_kind_that_its_name_says(two, tmp_path):
+    result, _ = two
+    starts = {"png": b"\x89PNG", "pdf": b"%PDF", "svg": b"<?xml", "PNG": b"\x89PNG"}
+    for ending, start in starts.items():
+        assert result.figure(tmp_path / f"two.{ending}").read_bytes().startswith(start)
+    for name in ("two.jpg", "two", "two.png.gz"):
+        with pytest.raises(FileError, match=r"written as \.png, \.pdf or \.svg"):
+            result.figure(tmp_path / name)
+        assert not (tmp_path / name).exists()
+
+
+STATISTICS = {"image_variance", "image_spread"}  # of an ensemble, thzcl's own
+
+
+def test_every_name_in_the_file_is_reserved(tmp_path):
+    """Of every kind of scene; but the sensors' own layers are theirs."""
+    fluctuating = {"atmosphere__fluctuations__temperature_sigma_k": 0.5}
+    changed = [{"name": "a", "set": {}}, {"name": "b", "set": {"sensor.frequency_ghz": 350.0}}]
+    scenes = [
+        scene(
+            **fluctuating,
+            variants=changed,
+            output={"save_field": True, "difference": ["a", "b"]},
+        ),
+        scene(numerics={"realizations": 2}),
+        scene(sensor={"kind": "active", "frequency_ghz": 650.0, "dynamic_range_db": 80.0}),
+    ]
+    names = set()
+    for number, data in enumerate(scenes):
+        result = run(tmp_path, data)
+        path = result.save(tmp_path / f"{number}.nc")
+        own = set().union(*(variant.image.layers for variant in result.variants))
+        with h5netcdf.File(path) as file:
+            names |= {*file.variables, *file.dimensions} - (own - STATISTICS)
+    assert names == reserved_names()
+
+
+def test_names_are_stored_as_utf8_whatever_the_locale_made_of_them(two):
+    result = replace(two[0], scenario="\udcc3\udca9", scenario_folder="/\udcff")
+    stored = attributes(result)
+    assert stored["scenario_name"] == "é"
+    assert stored["title"] == "é: terahertz images"
+    assert stored["scenario_folder"] == "/\ufffd"
+
+
+def test_layers_that_not_all_variants_have_are_left_out(two):
+    warm, cold = two[0].variants
+    layer = Layer(warm.image.values, "K", "a layer")
+    one = replace(warm, image=replace(warm.image, layers={"own": layer}))
+    assert "own" not in variables(replace(two[0], variants=(one, cold)))
+    assert "own" not in variables(replace(two[0], variants=(cold, one)))
+    both = replace(cold, image=replace(cold.image, layers={"own": layer}))
+    assert variables(replace(two[0], variants=(one, both)))["own"].dims == ("variant", "y", "x")
 
 
 def test_python_users_get_a_result(tmp_path):
@@ -167,6 +264,14 @@ def test_python_users_get_a_result(tmp_path):
     assert list(tmp_path.iterdir()) == []
     with pytest.raises(AttributeError):
         thzcl.nothing  # noqa: B018
+
+
+def test_completion_offers_what_thzcl_has():
+    import thzcl
+
+    shown = {name for name in dir(thzcl) if not name.startswith("_")}
+    assert shown == {"Result", "open_device", "run"}
+    assert all(getattr(thzcl, name) for name in dir(thzcl) if name != "__doc__")
 
 
 @pytest.fixture

@@ -4,13 +4,17 @@ from __future__ import annotations
 
 import json
 
+import h5py
+import jsonschema
 import pytest
 import tomli
 from scenes import PLAIN, scene, write
 
-from thzcl import pipeline, scenario
-from thzcl.plugins import loader as plugins
-from thzcl.scenario import ScenarioError, toml
+from thzcl import pipeline
+from thzcl.errors import ScenarioError
+from thzcl.scenario import document, manual
+from thzcl.scenario.atmosphere import Fluctuations
+from thzcl.scenario.source import SHIPPED, find, shipped
 
 
 def problems(file, settings=None):
@@ -62,7 +66,7 @@ frequency_ghz = 2000
         "bad.toml:6: [camera] pixels.0: must be at least 1, not 0",
         "bad.toml:9: [atmosphere] temprature_k: unknown key (did you mean temperature_k?)",
         "bad.toml:8: [atmosphere] temperature_k: missing: mean air temperature",
-        "bad.toml:11: [atmosphere] absolute_humidity_g_m3: give only one of relative_humidity_percent or",
+        "bad.toml:11: [atmosphere] absolute_humidity_g_m3: give only one of relative_humidity_",
         'bad.toml:14: [atmosphere.fluctuations] sigma_percent: must be a number, not "high"',
         "bad.toml:20: [targets.box] center_m.2: missing",
         "bad.toml:21: [targets.box] size_m.1: must be above 0 m, not 0",
@@ -129,6 +133,39 @@ SINGLE = {
         '[targets.box] bars: face "-x" has two sets of bars',
     ),
     "camera is text": ({"camera": "here"}, 'camera: must be a table, not "here"'),
+    "no kind of target": (
+        {"targets__box__kind": None},
+        "[targets.box] missing: kind, which says what it is",
+    ),
+    "no such kind of target": (
+        {"targets__box__kind": "sphere"},
+        "[targets] box: kind must be 'box' or 'billboard', not \"sphere\"",
+    ),
+    "neither of two kinds": (
+        {"sensor__frequency_ghz": {"a": 1}},
+        "[sensor] frequency_ghz: must be a number or a list in [brackets], not a table",
+    ),
+    "a choice or a number": (
+        {"background__environment": []},
+        "[background] environment: must be 'air' or 'none' or a number, not []",
+    ),
+    "beyond the limit of one kind": (
+        {"background__environment": -1.0},
+        "must be 'air' or 'none' or at least 0 K, not -1",
+    ),
+    "a place in another galaxy": (
+        {"camera__position_m": [0.0, 1e300, 5.0]},
+        "[camera] position_m.1: must be at most 1e+09 m, not 1e+300",
+    ),
+    "a strength given twice": (
+        {"atmosphere__fluctuations__structure_constant_q": 0.1},
+        "give only one of sigma_percent or structure_constant_q",
+    ),
+    "hardly any fluctuation of temperature": (
+        {"atmosphere__fluctuations__temperature_sigma_k": 1e-300},
+        "temperature_sigma_k: must be 0 or at least 1e-09, not 1e-300",
+    ),
+    "variants are no list": ({"variants": 3}, "variants: must be a list of tables [[variants]]"),
 }
 
 
@@ -164,7 +201,8 @@ def test_variants_change_what_they_set_and_are_checked(tmp_path):
     file = write(tmp_path, bad)
     lines = file.read_text().splitlines()
     found = "\n".join(problems(file))
-    assert f"scene.toml:{lines.index('[[variants]]') + 3}: " in found
+    (wrong,) = (number for number, line in enumerate(lines, start=1) if "temprature_k" in line)
+    assert f"scene.toml:{wrong}: [variants.0.set] targets.box.temprature_k: unknown key" in found
     assert "unknown key (did you mean temperature_k?)" in found
     assert "at least 0 K, not -3" in found
     assert '"hot" is taken' in found
@@ -182,6 +220,31 @@ def test_settings_change_keys_and_are_named_in_messages(tmp_path):
     )
 
 
+def test_two_mistakes_in_one_table_are_both_told(tmp_path):
+    """A check of values taken together waits until each of them is there and sound."""
+    changes = {"atmosphere__relative_humidity_percent": None, "ground__temperature_k": "x"}
+    found = problems(write(tmp_path, scene(**changes)))
+    assert len(found) == 2
+    assert "[atmosphere] needs one of relative_humidity_percent" in found[0]
+    assert '[ground] temperature_k: must be a number, not "x"' in found[1]
+    changes |= {"camera__look_at_m": [1.0, -2.0, 4.0], "atmosphere__fluctuations__grid": 100}
+    found = problems(write(tmp_path, scene(**changes)))
+    assert len(found) == 4
+    assert "[camera] look_at_m: the camera looks at itself" in found[0]
+    assert "[atmosphere.fluctuations] grid: must be a power of two" in found[2]
+
+
+def test_a_folder_does_not_hide_a_shipped_scene(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "quick").mkdir()
+    assert find("quick") == SHIPPED / "quick.toml"
+    (tmp_path / "slow").mkdir()
+    with pytest.raises(ScenarioError, match="a folder, not a regular file"):
+        document.read("slow")
+    (tmp_path / "figure6").write_text("x = 1", encoding="utf-8")
+    assert str(find("figure6")) == "figure6"
+
+
 def test_what_is_not_a_scenario_is_refused_in_words(tmp_path):
     (tmp_path / "latin.toml").write_bytes("# caf\xe9".encode("latin-1"))
     (tmp_path / "broken.toml").write_text(
@@ -189,25 +252,19 @@ def test_what_is_not_a_scenario_is_refused_in_words(tmp_path):
     )
     (tmp_path / "huge.toml").write_bytes(b"#" * 5_000_000)
     (tmp_path / "other.nc").write_bytes(b"not a result")
+    h5py.File(tmp_path / "none.nc", "w").close()
     for name, expected in (
         ("latin.toml", "not UTF-8 text (byte 5)"),
         ("broken.toml", "broken.toml:3: not valid TOML in column"),
         ("huge.toml", "larger than 4 MB"),
         ("other.nc", "cannot be read"),
+        ("none.nc", "holds no scenario"),
         ("", "cannot be read"),
         ("figur6", "no such file or shipped scene (did you mean figure6?)"),
     ):
         with pytest.raises(ScenarioError) as caught:
             pipeline.prepare(str(tmp_path / name) if name != "figur6" else name)
         assert expected in str(caught.value)
-
-
-def test_toml_is_written_as_it_is_read():
-    for data in (
-        PLAIN,
-        scene(variants=[{"name": 'q"uote', "set": {"a.b": [1, 2.5, "x"], "c": True}}]),
-    ):
-        assert tomli.loads(toml.dumps(data)) == data
 
 
 def test_a_seed_is_drawn_and_recorded(tmp_path):
@@ -218,15 +275,56 @@ def test_a_seed_is_drawn_and_recorded(tmp_path):
 
 
 def test_the_schema_knows_what_the_reader_knows():
-    found = plugins.scenario_schema()
+    found = manual.scenario_schema()
     json.dumps(found)
     assert found["$defs"]["Camera"]["additionalProperties"] is False
     assert found["$defs"]["passive-spectral"]["required"] == ["kind", "frequency_ghz"]
     assert found["$defs"]["Atmosphere"]["properties"]["temperature_k"]["unit"] == "K"
 
 
-@pytest.mark.parametrize("name", scenario.shipped())
+@pytest.mark.parametrize("name", shipped())
+def test_the_schema_accepts_every_shipped_scene(name):
+    schema = jsonschema.Draft202012Validator(manual.scenario_schema())
+    data = tomli.loads((SHIPPED / f"{name}.toml").read_text(encoding="utf-8"))
+    assert [error.message for error in schema.iter_errors(data)] == []
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"sensor": {"kind": "raster-scan", "dwell_s": 1.0}},  # no detector
+        {"sensor": {"kind": "raster-scan", "dwell_s": 1.0, "detector": {"kind": "active"}}},
+        {"sensor__kind": "nothing"},
+        {"atmosphere__absolute_humidity_g_m3": 3.0},  # and a relative one
+        {"atmosphere__relative_humidity_percent": None},
+        {"atmosphere__fluctuations__structure_constant_q": 3.0},  # and a sigma
+        {"camera__pixels": [1, 2, 3]},
+        {"targets__box__colour": "red"},
+    ],
+)
+def test_the_schema_refuses_what_the_reader_refuses(tmp_path, changes):
+    schema = jsonschema.Draft202012Validator(manual.scenario_schema())
+    assert schema.is_valid(scene())
+    data = scene(**changes)
+    assert not schema.is_valid(data)
+    assert problems(write(tmp_path, data))
+
+
+@pytest.mark.parametrize(
+    ("given", "expected"),
+    [
+        ({"sigma_percent": 1.0, "voxel_m": 1.0}, "oblique"),
+        ({"sigma_percent": 1.0, "voxel_m": 1.0, "grid_orientation": "aligned"}, "aligned"),
+        ({"spectrum": "file", "file": "cube.nc"}, "aligned"),
+        ({"spectrum": "file", "file": "cube.nc", "grid_orientation": "oblique"}, "oblique"),
+    ],
+)
+def test_a_cube_of_ones_own_stands_upright(given, expected):
+    assert Fluctuations.model_validate(given).orientation == expected
+
+
+@pytest.mark.parametrize("name", shipped())
 def test_every_shipped_scene_is_sound_and_says_what_it_is(name):
     plan = pipeline.prepare(name)
     assert plan.variants
-    assert len(scenario.shipped()[name]) > 20
+    assert len(shipped()[name]) > 20

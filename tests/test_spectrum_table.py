@@ -8,8 +8,8 @@ from hygrometer import ONE_SIDED, RECORD
 from scenes import scene, write
 
 from thzcl import pipeline
+from thzcl.errors import FileError, ScenarioError
 from thzcl.records.study import study, study_virtual
-from thzcl.scenario import ScenarioError
 from thzcl.turbulence import cube as field
 from thzcl.turbulence import spectrum_table
 from thzcl.turbulence.spectrum_table import SpectrumTable
@@ -24,9 +24,9 @@ def table(frequency, density):
 
 
 def test_kolmogorovs_spectrum_comes_back():
-    """9.69e-3 C^2 xi^(-11/3) of a line's 2 * 0.1244 (2 pi)^(-2/3) C^2 xi^(-5/3).
+    """The density 2 * 0.1244 (2 pi)^(-2/3) C^2 xi^(-5/3) along a line gives that in space.
 
-    Beyond the ends too.
+    It is 9.69e-3 C^2 xi^(-11/3), beyond the table's ends too.
     """
     xi = np.geomspace(0.02, 2, 25)
     found = table(xi, 0.3 * ONE_SIDED * xi ** (-5 / 3))
@@ -47,7 +47,7 @@ def test_von_karmans_spectrum_comes_back():
 
 
 def test_what_scatters_is_never_negative_and_integrates_back():
-    """Over all waves of one frequency along the line the field's density is the smooth curve again."""
+    """The density in space, summed over the waves of one frequency along a line, gives it back."""
     rng = np.random.default_rng(2)
     xi = np.geomspace(0.01, 2, 25)
     density = ONE_SIDED * xi ** (-5 / 3) * rng.lognormal(0, 0.4, 25)
@@ -93,9 +93,9 @@ def test_a_table_of_kolmogorovs_spectrum_makes_the_same_cube(device, tmp_path):
 
 
 def test_the_measured_spectrum_makes_measured_air(tmp_path):
-    """The scene written of a record, with the table for its law.
+    """A virtual hygrometer reads the record's C_q^2 in the scene that was written of the record.
 
-    The virtual hygrometer reads the record's C_q^2.
+    The measured table takes the place of the scene's law.
     """
     record = study([RECORD], scene=tmp_path / "air.toml")
     text = (tmp_path / "air.toml").read_text(encoding="utf-8")
@@ -115,9 +115,8 @@ def test_the_measured_spectrum_makes_measured_air(tmp_path):
         / record["structure_constant_q"]
         for seed in range(4)
     ]
-    assert np.mean(found) == pytest.approx(
-        0.93, abs=0.2
-    )  # the discrete field's own deficit, and four seeds' scatter
+    # The discrete field's own deficit, and four seeds' scatter.
+    assert np.mean(found) == pytest.approx(0.93, abs=0.2)
 
 
 def write_seed(folder, text, seed):
@@ -140,7 +139,22 @@ WRONG = {
     "not ascending": ("1,3\n3,2\n2,1\n", "spatial frequencies must be above 0 and ascend"),
     "rising": ("1,1\n2,2\n3,3\n", "the density does not fall with spatial frequency"),
     "words": ("f,d\n1,3\nx,2\n", "s.csv:3: not comma-separated numbers"),
+    "NaN": ("1,3\n2,nan\n3,1\n", "s.csv:2: not finite"),
 }
+
+
+def test_a_spectrum_is_read(tmp_path):
+    (tmp_path / "s.csv").write_text("# measured\nfrequency,density\n0.1,30\n0.2,20\n0.4,5\n")
+    assert spectrum_table.read(tmp_path / "s.csv") == table([0.1, 0.2, 0.4], [30, 20, 5])
+
+
+@pytest.mark.parametrize("case", WRONG)
+def test_what_is_no_spectrum_is_a_file_error(tmp_path, case):
+    text, expected = WRONG[case]
+    if text is not None:
+        (tmp_path / "s.csv").write_text(text)
+    with pytest.raises(FileError, match=expected.replace(".", r"\.")):
+        spectrum_table.read(tmp_path / "s.csv")
 
 
 @pytest.mark.parametrize("case", WRONG)

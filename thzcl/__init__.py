@@ -5,7 +5,8 @@ result = thzcl.run("figure6")
 """
 
 from pathlib import Path as _Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING as _TYPE_CHECKING
+from typing import Any as _Any
 
 __version__ = "0.1.0"
 
@@ -14,18 +15,29 @@ _root = _Path(__file__).parents[1]
 if not _Path(__file__).with_name("sensors").is_dir() and (_root / "pyproject.toml").is_file():
     __path__.append(str(_root))
 
-if TYPE_CHECKING:
+if _TYPE_CHECKING:
+    from thzcl.device.choose import open_device
     from thzcl.pipeline import run
     from thzcl.results.result import Result
 
-__all__ = ["Result", "run"]
+__all__ = ["Result", "open_device", "run"]
+
+_HOMES = {
+    "Result": "thzcl.results.result",
+    "open_device": "thzcl.device.choose",
+    "run": "thzcl.pipeline",
+}
 
 
-def __getattr__(name: str) -> Any:
+def __getattr__(name: str) -> _Any:
     """Imports what is asked for, when it is asked for."""
     from importlib import import_module
 
-    modules = {"run": "thzcl.pipeline", "Result": "thzcl.results.result"}
-    if name not in modules:
+    if name not in _HOMES:
         raise AttributeError(f"module 'thzcl' has no attribute {name!r}")
-    return getattr(import_module(modules[name]), name)
+    return getattr(import_module(_HOMES[name]), name)
+
+
+def __dir__() -> list[str]:
+    """Returns the names that thzcl offers, imported already or not."""
+    return sorted({*__all__, *(name for name in globals() if name.startswith("__"))})

@@ -2,43 +2,129 @@
 
 from __future__ import annotations
 
-import gc
+import io
 import os
+import signal
 import sys
-from contextlib import suppress
+import traceback
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
 
-OBJECTS = 100_000  # new ones between searches for garbage: imports make many, and no garbage
-
-
-def main() -> None:
-    """Runs the command line; every failure is a message and an exit code, never a traceback."""
-    _set_up()
-    try:
-        from thzcl.commands.entry import entry
-
-        code = entry(sys.argv[1:])
-    except KeyboardInterrupt:  # before or after the command itself
-        code = 130
-    with suppress(OSError):  # whoever read it has gone
-        for stream in filter(None, (sys.stdout, sys.stderr)):
-            stream.flush()
-    os._exit(
-        code
-    )  # all files are closed; taking interpreter, libraries and device apart would cost a tenth of a short run
+from thzcl.errors import DONE, FAILED, INTERRUPTED, explained
 
 
-def _set_up() -> None:
-    """What would slow a command down that has the process to itself.
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Runs a command line, that of the process if none is given, and returns its exit code.
 
-    A setting of the user's own stays.
+    Every failure is a message on stderr and an exit code, never a traceback.
     """
-    gc.set_threshold(OBJECTS)
     # NumPy's matrices here are small, but its threads would go on spinning on the cores that the
-    # kernels need.
+    # kernels need. A setting of the user's own stays.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    # Pydantic would ask every package in the environment whether it has a plugin for it.
-    os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "1")
+    _occupy_standard_files()
+    try:
+        with _terminated_as_interrupted(), _any_letter_printed():
+            from thzcl.commands.app import call
+
+            code = call(sys.argv[1:] if arguments is None else arguments)
+            if sys.stdout is not None:
+                sys.stdout.flush()
+    except BaseException as error:  # noqa: BLE001 (also an interrupt, and a library's sys.exit)
+        code = DONE if _nobody_reads(error) else _complained(error)
+    _give_up_broken_streams()
+    return code
+
+
+def _nobody_reads(error: BaseException) -> bool:
+    """Returns whether an error says no more than that the reader of stdout has seen enough.
+
+    Where rich meets that while it prints, it raises SystemExit.
+    """
+    return isinstance(error, BrokenPipeError) or isinstance(error.__context__, BrokenPipeError)
+
+
+def _complained(error: BaseException) -> int:
+    """Says what is wrong, and returns the exit code."""
+    code, lines = explained(error) or (FAILED, [_report(error)])
+    if code == INTERRUPTED:
+        # An interrupt within exec() of a text, as dataclasses have it, leaves a mark for which
+        # `python -m` ends itself by a signal, handled or not. The next exec() clears the mark.
+        exec("")  # noqa: S102
+    with suppress(OSError, ValueError):  # nobody can be told
+        for line in lines:
+            print(line, file=sys.stderr)
+    return code
+
+
+def _report(error: BaseException) -> str:
+    """Returns what to say of an error that nobody foresaw."""
+    place = traceback.extract_tb(error.__traceback__)[-1]
+    return (
+        f"a bug in thzcl, or in what it is built on: {type(error).__name__}: {error} "
+        f"({place.filename}, line {place.lineno}); please report it, with command and scene"
+    )
+
+
+def _occupy_standard_files() -> None:
+    """Opens what a shell has closed of the standard files.
+
+    Else the next file would take its number, and libraries would print into a result.
+    """
+    for number in range(3):
+        try:
+            os.fstat(number)
+        except OSError:
+            os.open(os.devnull, os.O_RDWR)
+
+
+@contextmanager
+def _terminated_as_interrupted() -> Iterator[None]:
+    """Has a batch system's TERM end a command as Ctrl-C does: with nothing left half written."""
+
+    def interrupt(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    try:
+        if signal.getsignal(signal.SIGTERM) is signal.SIG_DFL:
+            signal.signal(signal.SIGTERM, interrupt)
+    except ValueError:  # in a thread, whose process has signals of its own
+        yield
+        return
+    try:
+        yield
+    finally:
+        if signal.getsignal(signal.SIGTERM) is interrupt:
+            signal.signal(signal.SIGTERM, signal.SIG_DFL)
+
+
+@contextmanager
+def _any_letter_printed() -> Iterator[None]:
+    """Has letters that a stream's encoding lacks printed as escapes, instead of an error."""
+    streams = [s for s in (sys.stdout, sys.stderr) if isinstance(s, io.TextIOWrapper)]
+    before = [stream.errors for stream in streams]
+    for stream in streams:
+        stream.reconfigure(errors="backslashreplace")
+    try:
+        yield
+    finally:
+        for stream, errors in zip(streams, before, strict=True):
+            with suppress(OSError, ValueError):  # it flushes first, which may fail
+                stream.reconfigure(errors=errors)
+
+
+def _give_up_broken_streams() -> None:
+    """Drops streams that cannot be written to.
+
+    Else the interpreter would try once more at its end, and exit with a code of its own.
+    """
+    for name in ("stdout", "stderr"):
+        stream = getattr(sys, name)
+        try:
+            if stream is not None:
+                stream.flush()
+        except (OSError, ValueError):
+            setattr(sys, name, None)
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

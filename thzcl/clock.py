@@ -12,27 +12,27 @@ Progress = Callable[[str], None]
 
 @dataclass
 class Clock:
-    """Adds up wall time by stage; stages do not nest."""
+    """Adds up wall time by stage; time within a stage that another stage takes is the other's."""
 
     progress: Progress | None = None
     seconds: dict[str, float] = field(default_factory=dict)
     _prefix: str = ""
+    _spent: float = 0.0  # in all stages that have ended
 
     def counted(self, number: int, of: int) -> None:
-        """Says how far a long piece of work has come: before every stage.
-
-        `number` of `of` is shown from now on.
-        """
+        """Puts a bar with `number` of `of` before every stage that is told from now on."""
         filled = round(20 * number / of)
         self._prefix = f"[{'#' * filled}{'.' * (20 - filled)}] {number} of {of}: "
 
     @contextmanager
     def stage(self, stage: str) -> Iterator[None]:
-        """Times what happens within."""
+        """Times what happens within, less what stages within that take."""
         if self.progress:
             self.progress(self._prefix + stage)
-        start = time.perf_counter()
+        start, before = time.perf_counter(), self._spent
         try:
             yield
         finally:
-            self.seconds[stage] = self.seconds.get(stage, 0.0) + time.perf_counter() - start
+            own = time.perf_counter() - start - (self._spent - before)
+            self.seconds[stage] = self.seconds.get(stage, 0.0) + own
+            self._spent += own

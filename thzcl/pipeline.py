@@ -4,53 +4,33 @@ from __future__ import annotations
 
 import platform
 import sys
-import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 import thzcl
-from thzcl import scenario
+from thzcl.air.expansion import Expansion
 from thzcl.clock import Clock, Progress
-from thzcl.plan import checks
-from thzcl.plan.plan import Plan, PlanError, VariantPlan, make_plan
-from thzcl.plan import report as overview
-from thzcl.plugins import loader as plugins
-from thzcl.results.result import Cube, Result, VariantResult
-from thzcl.scenario import ScenarioError
-from thzcl.sensor import Echoes, Radiances
-from thzcl.surfaces.geometry import FIRST_TARGET, ROTATIONS
+from thzcl.error.budget import Part, worst
+from thzcl.errors import NumbersError
+from thzcl.graph import evaluate
+from thzcl.plan import checks, report
+from thzcl.plan.plan import Plan, make_plan
+from thzcl.plan.variant import PlannedVariant
+from thzcl.results.conditions import angles, conditions
+from thzcl.results.contents import Cube, VariantResult
+from thzcl.results.result import Result
+from thzcl.scenario import document as documents
+from thzcl.sensing.image import Recorded
+from thzcl.surfaces.geometry import ROTATIONS
+from thzcl.turbulence.fields import SavedCube
 
 if TYPE_CHECKING:
-    from thzcl.air.expansion import Surrogate
-    from thzcl.device.linker import Helper
     from thzcl.device.opencl import Device
-    from thzcl.error.budget import Part
-    from thzcl.plan.exposure import Exposed, Known
-    from thzcl.turbulence.cube import Field
 
-Sight = Radiances | Echoes
-Array = NDArray[np.float64]
-MANY = 20  # realisations
 PACKAGES = ("numpy", "scipy", "pyopencl", "reikna", "pluggy", "pydantic", "h5netcdf")
-
-
-@dataclass(frozen=True)
-class Seen:
-    """What one variant's camera sees, and what is to be known of how it was computed."""
-
-    sight: Sight
-    surrogate: Surrogate
-    cube: Field | None  # where it is to be saved
-    notes: tuple[str, ...]
-    segments: int
-    errors: Mapping[str, Part]
 
 
 def prepare(
@@ -62,15 +42,11 @@ def prepare(
 ) -> Plan:
     """Reads and checks a scenario and plans its run.
 
-    Raises ScenarioError with every problem at once, or SensorFailure.
+    Raises ScenarioError with every problem at once, or PluginFailure.
     """
-    document = scenario.read(source, settings)
-    parsed = scenario.parse(document, plugins.troubles, variants, allow_outside=allow_outside)
-    sensors = [plugins.make(variant.scene.sensor.model_dump()) for variant in parsed.variants]
-    try:
-        plan = make_plan(parsed, sensors)
-    except PlanError as error:
-        raise ScenarioError([str(error)]) from None
+    document = documents.read(source, settings)
+    parsed = documents.parse(document, variants, allow_outside=allow_outside)
+    plan = make_plan(parsed)
     checks.together(document, plan)
     return plan
 
@@ -80,248 +56,188 @@ def run(
     *,
     settings: Mapping[str, Any] | None = None,
     variants: Sequence[str] = (),
-    device: str | None = None,
+    device: str | Device | None = None,
     figure: bool = True,
     allow_outside: bool = False,
     progress: Progress | None = None,
-    helper: Helper | None = None,
 ) -> Result:
-    """Computes the images of a scenario: a TOML file, a result to run again, or the name of a shipped scene.
+    """Computes the images of a scenario: a TOML file, a result, or the name of a shipped scene.
 
-    `settings` changes keys ({"targets.box.temperature_k": 300.0}), `variants` picks some by name, `device` is a number or
-    part of a name; `figure` says whether a picture will be wanted; `allow_outside` lets pictures and tables lie outside the
-    scenario's folder; `helper` is a process begun beforehand that builds kernels. Nothing is written: see Result.save and
-    Result.figure. Raises ScenarioError for bad input, DeviceError without a usable device, SensorFailure and NumbersError if a
-    sensor fails.
+    `settings` changes keys ({"targets.box.temperature_k": 300.0}), `variants` picks some by name,
+    `device` is a number, part of a name, or a device that thzcl.open_device has opened; `figure`
+    says whether a picture will be wanted; `allow_outside` lets pictures and tables lie outside the
+    scenario's folder. Nothing is written: see Result.save and Result.figure. Raises ScenarioError
+    for bad input, DeviceError without a usable device, PluginFailure and NumbersError if a sensor
+    fails.
     """
     clock = Clock(progress)
     with clock.stage("plan"):
         plan = prepare(source, settings, variants, allow_outside=allow_outside)
     with clock.stage("device"):
-        from thzcl.device.opencl import open_device
-        from thzcl.plan.compute import recipes
+        from thzcl.device.choose import open_device
+        from thzcl.device.opencl import Device
 
-        opened = open_device(device, recipes(plan), helper)
+        opened = device if isinstance(device, Device) else open_device(device)
     return compute_images(plan, opened, clock, figure=figure)
 
 
 def compute_images(plan: Plan, device: Device, clock: Clock, *, figure: bool = False) -> Result:
-    """The images of a plan, on a device that is open already; `clock` is told what each stage takes.
+    """Returns the images of a plan, on an open device; `clock` is told what each stage takes.
 
     Raises ScenarioError if the device's memory is too small, and NumbersError if a sensor fails.
     """
     checks.memory(plan, device)
-    lines: Known = {}
-    seen = _see(plan, device, clock, lines)
-    result = _result(plan, device, seen, clock, figure)
-    if plan.realizations == 1:
-        return replace(result, variants=tuple(_images(plan, seen, result, 0)))
-    return _ensemble(plan, device, seen, lines, result, clock)
+    before = device.counters.segments
+    batches = evaluate((plan.batch(n) for n in range(plan.realizations)), device, clock)
+    first = [_Made.of(v, values) for v, values in _by_variant(plan, next(batches))]
+    result = _result(plan, device, first, clock, figure)
+    recorded = [_checked(made.recorded, result) for made in first]
+    if plan.realizations > 1:
+        recorded = _mean(plan, recorded, batches, clock, result)
+    images = zip(plan.variants, recorded, strict=True)
+    return replace(
+        result,
+        variants=tuple(VariantResult(v.name, one.sight, one.image) for v, one in images),
+        voxel_segments=device.counters.segments - before,
+    )
 
 
-def _images(
-    plan: Plan, seen: Mapping[str, Seen], result: Result, realization: int
-) -> Iterator[VariantResult]:
-    """Every variant as its sensor records it."""
-    for number, variant in enumerate(plan.variants):
-        sight = seen[variant.name].sight
-        checks.finite(variant, sight, result)
-        key = [result.seed, realization * len(plan.variants) + number]
-        start = time.perf_counter()
-        image = checks.observe(
-            variant, sight, np.random.Generator(np.random.Philox(key=key)), result
-        )
-        result.seconds["sensor"] = result.seconds.get("sensor", 0.0) + time.perf_counter() - start
-        yield VariantResult(variant.name, sight, image)
+@dataclass(frozen=True)
+class _Made:
+    """What a run made of one variant."""
+
+    recorded: Recorded
+    expansion: Expansion
+    saved: SavedCube | None
+    notes: tuple[str, ...]
+    errors: dict[str, Part]
+
+    @classmethod
+    def of(cls, variant: PlannedVariant, values: Iterator[Any]) -> _Made:
+        """Sorts values of specs that are in the order of PlannedVariant.specs()."""
+        made = [None if spec is None else next(values) for spec in variant.specs()]
+        notes, saved, expansion, recorded, *errors = made
+        parts = {name: part for found in errors for name, part in found.items()}
+        return cls(recorded, expansion, saved, notes or (), parts)
 
 
-def _ensemble(
-    plan: Plan, device: Device, seen: dict[str, Seen], lines: Known, result: Result, clock: Clock
-) -> Result:
-    """The mean over independent realisations of the air, with variance and spread.
+def _by_variant(
+    plan: Plan, values: Iterable[Any]
+) -> Iterator[tuple[PlannedVariant, Iterator[Any]]]:
+    """Yields each variant with an iterator that gives its own values next."""
+    rest = iter(values)
+    for variant in plan.variants:
+        yield variant, rest
 
-    `seen` is the first.
-    """
-    from thzcl.studies.ensemble import Ensemble, realization
 
-    kept, crossed = {variant.name: Ensemble() for variant in plan.variants}, 0
+def _checked(recorded: Recorded, so_far: Result) -> Recorded:
+    """Returns what was recorded. Raises NumbersError where there is no image."""
+    if recorded.failure is not None:
+        raise NumbersError(recorded.failure, so_far)
+    return recorded
+
+
+def _mean(
+    plan: Plan,
+    first: list[Recorded],
+    batches: Iterator[tuple[Any, ...]],
+    clock: Clock,
+    so_far: Result,
+) -> list[Recorded]:
+    """Returns the mean over independent realisations of the air, with variance and spread."""
+    from thzcl.studies.ensemble import Ensemble
+
+    kept = [Ensemble() for _ in first]
     for number in range(plan.realizations):
         clock.counted(number + 1, plan.realizations)
-        if number:
-            seen = _see(realization(plan, number), device, clock, lines, budget=False)
-        for taken in _images(plan, seen, result, number):
-            if taken.image is not None:
-                kept[taken.name].add(taken.sight, taken.image)
-        crossed += sum(one.segments for one in seen.values())
-    means = tuple(VariantResult(name, *ensemble.mean()) for name, ensemble in kept.items())
-    return replace(result, variants=means, voxel_segments=crossed)
+        images = first if number == 0 else next(batches)
+        for ensemble, one in zip(kept, images, strict=True):
+            recorded = _checked(one, so_far)
+            ensemble.add(recorded.sight, recorded.image)
+    return [Recorded(*ensemble.mean(), None) for ensemble in kept]
 
 
-def _see(
-    plan: Plan, device: Device, clock: Clock, lines: Known, *, budget: bool = True
-) -> dict[str, Seen]:
-    """What every variant's camera sees, by name."""
-    from thzcl.plan.exposure import expose
-    from thzcl.plan import compute
-
-    # With all cores SciPy transforms twice as fast; for a few cubes that does not make up for its
-    # import.
-    library = "scipy" if device.in_place and plan.realizations >= MANY else None
-    make = partial(compute.make_field, library=library)
-    seen: dict[str, Seen] = {}
-    for exposed in expose(plan, device, clock, lines, make):
-        cube = exposed.cube
-        errors = _measured(device, plan, exposed, clock) if budget else {}
-        for of_one, sight in zip(exposed.captures, exposed.sights, strict=True):
-            variant = of_one[0].variant
-            kept = cube if variant.scene.output.save_field else None
-            segments = sum(capture.segments for capture in of_one)
-            notes = cube.notes if cube else ()
-            seen[variant.name] = Seen(sight, of_one[0].surrogate, kept, notes, segments, errors)
-    return seen
-
-
-def _measured(device: Device, plan: Plan, exposed: Exposed, clock: Clock) -> Mapping[str, Part]:
-    """The error budget of the variants that share a trace, where it is wanted."""
-    first = [of_one[0] for of_one in exposed.captures]
-    if not first[0].variant.scene.numerics.error_budget:
-        return {}
-    from thzcl.error import budget
-
-    with clock.stage("error-budget"):
-        return budget.measure(
-            device, exposed.cube, exposed.lines, first, exposed.sights, plan.scenario.seed
-        )
-
-
-def _result(
-    plan: Plan, device: Device, seen: Mapping[str, Seen], clock: Clock, figure: bool
-) -> Result:
-    """Everything but the images."""
-    first = plan.variants[0]
-    names = ("background", "ground", *max((v.scene.targets for v in plan.variants), key=len))
-    notes = dict.fromkeys(note for one in seen.values() for note in one.notes)
-    left_out = [stage for stage in overview.stages(plan, figure) if not stage.needed]
+def _result(plan: Plan, device: Device, made: list[_Made], clock: Clock, figure: bool) -> Result:
+    """Returns everything but the images."""
+    first, pairs = plan.variants[0], list(zip(plan.variants, made, strict=True))
+    notes = dict.fromkeys(note for one in made for note in one.notes)
+    left_out = [stage for stage in report.stages(plan, figure) if not stage.needed]
+    errors = [one.expansion.error for one in made]
+    flow = first.scene.atmosphere.fluctuations
     return Result(
         scenario=plan.scenario.name,
         scenario_toml=plan.scenario.text,
         scenario_folder=str(plan.scenario.folder.resolve()),
-        variants=tuple(VariantResult(v.name, seen[v.name].sight, None) for v in plan.variants),
-        targets=names,
-        pixel_angles_mrad=_angles(first.scene.camera),
-        conditions=tuple(_conditions(v, seen[v.name].sight) for v in plan.variants),
+        variants=tuple(VariantResult(v.name, one.recorded.sight, None) for v, one in pairs),
+        targets=(
+            "background",
+            "ground",
+            *max((v.scene.targets for v in plan.variants), key=len),
+        ),
+        pixel_angles_mrad=angles(first.scene.camera),
+        conditions=tuple(
+            conditions(v.scene.atmosphere.air, one.recorded.sight) for v, one in pairs
+        ),
         figure_columns=first.scene.output.figure_columns,
         difference=first.scene.output.difference,
-        grid_rotation=ROTATIONS[first.orientation],
+        grid_rotation=ROTATIONS[flow.orientation if flow else "aligned"],
         device=f"{device.info.name} ({device.info.driver})",
         seed=plan.scenario.seed,
         build_options=tuple(device.build_options),
         seconds=clock.seconds,
         left_out=tuple({"stage": stage.name, "reason": stage.reason} for stage in left_out),
-        warnings=tuple(overview.warnings(plan) + list(notes) + _missed(plan, seen)),
-        error_budget=_errors(plan, seen),
-        voxel_segments=sum(one.segments for one in seen.values()),
+        warnings=(*report.warnings(plan, errors), *notes, *_missed(pairs)),
+        error_budget=_errors(pairs),
+        voxel_segments=0,
         versions=versions(),
-        cubes=_cubes(plan, seen),
+        cubes=_cubes(pairs),
     )
 
 
-def _errors(plan: Plan, seen: Mapping[str, Seen]) -> dict[str, dict[str, Any]]:
-    """What is known of the errors made, by part: of the fit and by the sensors' word.
+def _errors(pairs: list[tuple[PlannedVariant, _Made]]) -> dict[str, dict[str, Any]]:
+    """Returns what is known of the errors made, by part.
 
-    And as measured where that is wanted.
+    Of the fit and by the sensors' word, and as measured where that is wanted.
     """
-    found = {
-        "absorption-fit": max(
-            (one.surrogate.measured, "of the mean absorption") for one in seen.values()
-        )
-    }
-    for variant in plan.variants:
+    fit = max(made.expansion.measured for _, made in pairs)
+    told = {"absorption-fit": (fit, "of the mean absorption")}
+    for variant, _ in pairs:
         for part, error in variant.needs.errors.items():
-            found[part] = max(error, found.get(part, error))
-    known = {part: {"rms": size, "max": size, "unit": unit} for part, (size, unit) in found.items()}
-    unit = "of the power sent" if plan.variants[0].needs.reflection else "K"
-    parts: dict[str, Part] = {}
-    for one in seen.values():
-        for name, measured in one.errors.items():
-            parts[name] = type(measured)(*map(max, measured, parts.get(name, measured)))
+            told[part] = max(error, told.get(part, error))
+    known = {part: {"rms": size, "max": size, "unit": unit} for part, (size, unit) in told.items()}
+    unit = pairs[0][0].image.sources.unit
+    parts = worst(made.errors for _, made in pairs)
     return known | {
         name: {"rms": p.rms, "max": p.max, "unit": unit, "relative": p.relative}
         for name, p in parts.items()
     }
 
 
-def _missed(plan: Plan, seen: Mapping[str, Seen]) -> list[str]:
-    """Of variants whose measured error is more than the tolerance."""
+def _missed(pairs: list[tuple[PlannedVariant, _Made]]) -> list[str]:
+    """Returns words on variants whose measured error is more than the tolerance."""
     found = []
-    for variant in plan.variants:
-        bearable, total = variant.scene.numerics.tolerance, seen[variant.name].errors.get("total")
+    for variant, made in pairs:
+        bearable, total = variant.scene.numerics.tolerance, made.errors.get("total")
         if bearable is not None and total is not None and total.relative > bearable:
             text = 'remove what [numerics] fixes, or set ray_stride = 1 and precision = "float64"'
-            found.append(
-                f"{variant.name}: error of {total.relative:.1e} of the contrast, tolerance {bearable:g}; {text}"
-            )
+            error = f"error of {total.relative:.1e} of the contrast, tolerance {bearable:g}"
+            found.append(f"{variant.name}: {error}; {text}")
     return found
 
 
-def _angles(camera: scenario.Camera) -> tuple[np.ndarray[Any, Any], np.ndarray[Any, Any]]:
-    """Angles of the pixel columns and rows from the image centre, mrad, right and up positive."""
-    (width, height), (columns, rows) = camera.focal_plane_mm, camera.pixels
-    right = (np.arange(columns) + 0.5 - columns / 2) * width / columns
-    up = (rows / 2 - np.arange(rows) - 0.5) * height / rows
-    return 1e3 * np.arctan2(right, camera.focal_length_mm), 1e3 * np.arctan2(
-        up, camera.focal_length_mm
-    )
-
-
-def _conditions(variant: VariantPlan, sight: Sight) -> tuple[str, ...]:
-    """Frequency, range and air in words, for a picture's titles."""
-    air = variant.scene.atmosphere.air
-    on_target = sight.target >= FIRST_TARGET
-    lengths = sight.path_length[on_target if on_target.any() else ...].ravel()
-    return (
-        _band(variant.frequency_hz / 1e9),
-        f"{np.partition(lengths, len(lengths) // 2)[len(lengths) // 2]:.3g} m",
-        f"{air.temperature_k:.5g} K",
-        f"{air.relative_humidity_percent:.3g} % RH",
-        f"{air.absolute_humidity_g_m3:.3g} g/m³",
-        f"{air.pressure_hpa:g} hPa",
-    )
-
-
-def _band(ghz: Array) -> str:
-    """A frequency, or the band that several lie in, to a twentieth of its width."""
-    if len(ghz) == 1:
-        return f"{ghz[0]:g} GHz"
-    step = 10.0 ** np.ceil(np.log10((ghz[-1] - ghz[0]) / 20))
-    return f"{np.floor(ghz[0] / step) * step:g}-{np.ceil(ghz[-1] / step) * step:g} GHz"
-
-
-def _cubes(plan: Plan, seen: Mapping[str, Seen]) -> tuple[Cube, ...]:
-    """The saved cubes: in the units of each variant's air, once if all are the same."""
-    saved = []
-    for variant in plan.variants:
-        cube = seen[variant.name].cube
-        if cube is None:
-            return ()
-        air = variant.scene.atmosphere.air
-        humidity = air.absolute_humidity_g_m3 * (1 + cube.delta.host().astype(np.float64))
-        warmth = (
-            None
-            if cube.offset is None
-            else air.temperature_k + cube.offset.host().astype(np.float64)
-        )
-        saved.append(Cube(humidity.astype(variant.precision), warmth, cube.voxel_m))
-    same = len({(v.field, v.scene.atmosphere.air) for v in plan.variants}) == 1
-    return tuple(saved[:1] if same else saved)
+def _cubes(pairs: list[tuple[PlannedVariant, _Made]]) -> tuple[Cube, ...]:
+    """Returns the saved cubes in the units of each variant's air, once if all are the same."""
+    saved = [made.saved for _, made in pairs]
+    if any(cube is None for cube in saved):
+        return ()
+    cubes = [Cube(*cube) for cube in saved if cube is not None]
+    same = len({variant.saved for variant, _ in pairs}) == 1
+    return tuple(cubes[:1] if same else cubes)
 
 
 def versions() -> dict[str, str]:
-    """Of thzcl, Python and the packages that numbers depend on."""
+    """Returns the versions of thzcl, Python and the packages that numbers depend on."""
     own = {"thzcl": thzcl.__version__, "python": platform.python_version()}
-    # A package that is loaded tells its version at once; the metadata of one that is not take
-    # milliseconds to find.
-    return own | {
-        name: getattr(sys.modules.get(name), "__version__", None) or version(name)
-        for name in PACKAGES
-    }
+    # A loaded package tells its version at once; metadata of others take milliseconds to find.
+    loaded = {name: getattr(sys.modules.get(name), "__version__", None) for name in PACKAGES}
+    return own | {name: known or version(name) for name, known in loaded.items()}

@@ -35,7 +35,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 import pluggy
@@ -43,8 +43,8 @@ from numpy.typing import ArrayLike, NDArray
 from pydantic import Field
 
 from thzcl.air import radiometry
-from thzcl.scenario import Table as Parameters
-from thzcl.scenario import key as parameter
+from thzcl.scenario.table import Table as Parameters
+from thzcl.scenario.table import key as parameter
 from thzcl.sensing import bands
 
 __all__ = [
@@ -73,15 +73,26 @@ FrequencyGHz = Annotated[float, Field(gt=0, le=1780)]  # as far as MPM93 goes
 FrequenciesGHz = FrequencyGHz | Annotated[tuple[FrequencyGHz, ...], Field(min_length=1)]
 hookimpl = pluggy.HookimplMarker("thzcl")
 
+# Names of thzcl's own variables and dimensions in a result, which no layer of a sensor may take.
+RESERVED_NAMES = frozenset(
+    {
+        *("variant", "frequency", "variant_frequency", "time", "model", "x", "y", "x_angle"),
+        *("y_angle", "radiance", "brightness_temperature", "brightness_temperature_contrast"),
+        *("optical_depth", "path_length", "target", "image", "image_difference"),
+        *("image_variance", "image_spread", "absolute_humidity", "air_temperature"),
+        *("x_voxel", "y_voxel", "z_voxel"),
+    }
+)
+
 
 class Optics(Parameters):
-    """What blurs the image before it is recorded: diffraction, the pixels' own size, and a Gaussian for all else.
+    """What blurs the image: diffraction, the pixels' own size, and a Gaussian for all else.
 
     Applied to radiance (power, for an active sensor), at a gain of exactly 1 for a uniform scene.
     """
 
     aperture_m: float | None = parameter(
-        None, gt=0, unit="m", help="diameter of the circular aperture; none: no diffraction"
+        None, ge=1e-6, unit="m", help="diameter of the circular aperture; none: no diffraction"
     )
     pixel: bool = parameter(True, help="average over the area of each pixel")
     blur_mrad: float | None = parameter(
@@ -91,60 +102,62 @@ class Optics(Parameters):
 
 @dataclass(frozen=True)
 class View:
-    """What a sensor may know of the scene before anything is traced."""
+    """What a sensor may know of the scene before anything is traced.
+
+    `absorption` gives that of the mean air in 1/m at frequencies in Hz, `table` the rows of numbers
+    of a CSV file beside the scenario, `tolerance` the bearable error of a sum over frequency,
+    relative to what the shortest path lets through.
+    """
 
     pixels: tuple[int, int]  # width, height
     pixel_angle_rad: tuple[float, float]  # at the image centre
     air_temperature_k: float
     path_m: tuple[float, float]  # shortest and longest ray, about
-    absorption: Callable[[Array], Array]  # of the mean air, 1/m, at frequencies in Hz
-    lines_hz: Array  # where its lines are
+    absorption: Callable[[Array], Array]
+    lines_hz: Array  # where the air's lines are
     line_width_hz: float  # and how wide, about
-    table: Callable[[str], Array]  # rows of numbers of a CSV file beside the scenario
-    tolerance: float = (
-        bands.TOLERANCE
-    )  # bearable error of a sum over frequency, of what the shortest path lets through
+    table: Callable[[str], Array]
+    tolerance: float = bands.TOLERANCE
 
 
 @dataclass(frozen=True)
 class Needs:
-    """What must be computed for a sensor. What is not asked for is left out."""
+    """What must be computed for a sensor. What is not asked for is left out.
+
+    `weights` (band, frequency) ask for these sums over frequency only; rows are normalised to 1.
+    `finer` holds frequencies and weights of the same bands, summed far more finely: the error
+    budget compares. `transmitter_m` is where a transmitter stands, if not at the camera.
+    `cutoff_depth` is the optical depth, one way, at which a ray ends; by default where the rest is
+    worth 1e-7 of the air's radiance. `times_s` (sample, y, x) is when each pixel is taken; samples
+    are averaged. `gain = "lambert"` multiplies each ray's echo by cos / (pi r^2), 1/m^2, of the
+    surface that it meets, before rays are averaged into pixels or blurred. `errors` are known
+    errors: part to relative size, and of what.
+    """
 
     frequency_hz: ArrayLike  # one or several, ascending
-    weights: ArrayLike | None = (
-        None  # (band, frequency): only these sums over frequency; rows are normalised to 1
-    )
+    weights: ArrayLike | None = None
     reflection: bool = False  # echoes of a transmitter instead of emission
-    transmitter_m: tuple[float, float, float] | None = (
-        None  # where it stands; at the camera if None
-    )
-    cutoff_depth: float | None = (
-        None  # one way; by default where the rest is worth 1e-7 of the air's radiance
-    )
+    transmitter_m: tuple[float, float, float] | None = None
+    cutoff_depth: float | None = None
     slant: bool = False  # the cosine between ray and surface normal
-    times_s: ArrayLike | None = (
-        None  # (sample, y, x): when each pixel is taken; samples are averaged
-    )
+    times_s: ArrayLike | None = None
     optics: Optics | None = None
     noise: bool = False  # whether observe() draws random numbers
-    finer: tuple[ArrayLike, ArrayLike] | None = (
-        None  # frequencies and weights of the same bands, summed far more finely
-    )
-    errors: Mapping[str, tuple[float, str]] = field(
-        default_factory=dict
-    )  # known errors: part -> relative size, of what
+    finer: tuple[ArrayLike, ArrayLike] | None = None
+    errors: Mapping[str, tuple[float, str]] = field(default_factory=dict)
+    gain: Literal["none", "lambert"] = "none"
 
 
 @dataclass(frozen=True)
 class _Sight:
-    """What every sensor gets; shapes (frequency, y, x) or (y, x), row 0 the image's top, column 0 its left.
+    """What every sensor gets; row 0 is the image's top, column 0 its left.
 
-    Where weights were asked for, bands stand in place of frequencies: their mean frequency, mean radiance, and the depth of
-    their mean transmission.
+    Where weights were asked for, bands stand in place of frequencies: their mean frequency, mean
+    radiance, and the depth of their mean transmission.
     """
 
     frequency_hz: Array  # (frequency,)
-    optical_depth: NDArray[Any]  # 1
+    optical_depth: NDArray[Any]  # (frequency, y, x), 1
     path_length: NDArray[Any]  # (y, x), m
     target: NDArray[Any]  # (y, x): 0 background, 1 ground, 2 and up the targets in file order
     cosine: NDArray[Any] | None  # (y, x), where asked for
@@ -155,43 +168,41 @@ class _Sight:
 
 @dataclass(frozen=True)
 class Radiances(_Sight):
-    """What reaches each pixel. Radiance is held as contrast to that of the mean air.
+    """What reaches each pixel of a passive sensor.
 
-    So that microkelvins survive.
+    Radiance is held as contrast to that of the mean air, so that microkelvins survive.
     """
 
-    contrast: NDArray[Any]  # W m-2 sr-1 Hz-1 above the air's
+    contrast: NDArray[Any]  # (frequency, y, x), W m-2 sr-1 Hz-1 above the air's
     air_radiance: Array  # (frequency,), W m-2 sr-1 Hz-1
     air_temperature_k: float
 
     @property
     def radiance(self) -> Array:
-        """Spectral radiance, W m-2 sr-1 Hz-1, (frequency, y, x)."""
+        """Returns spectral radiance, W m-2 sr-1 Hz-1, (frequency, y, x)."""
         return np.asarray(self.air_radiance[:, None, None] + self.contrast)
 
     @cached_property
     def brightness_temperature_contrast(self) -> Array:
-        """Brightness temperature above the air's, K, (frequency, y, x)."""
+        """Returns brightness temperature above the air's, K, (frequency, y, x)."""
         # A band's mean radiance differs a little from that at its mean frequency.
         share = radiometry.planck(self.frequency_hz, self.air_temperature_k) / self.air_radiance
         found = np.empty(self.contrast.shape)
-        for frequency, factor, plane, out in zip(
-            self.frequency_hz, share, self.contrast, found, strict=True
-        ):
+        planes = zip(self.frequency_hz, share, self.contrast, found, strict=True)
+        for frequency, factor, plane, out in planes:
             flat, into = plane.ravel(), out.ravel()
-            for start in range(
-                0, len(flat), _BLOCK
-            ):  # small enough for the cache: three times faster
+            for start in range(0, len(flat), _BLOCK):  # fits the cache: three times faster
                 part = slice(start, start + _BLOCK)
                 contrast = flat[part] if factor == 1 else flat[part] * factor
                 into[part] = radiometry.brightness_temperature_contrast(
                     frequency, contrast, self.air_temperature_k
                 )
+        found.flags.writeable = False
         return found
 
     @property
     def brightness_temperature(self) -> Array:
-        """Brightness temperature, K, (frequency, y, x)."""
+        """Returns brightness temperature, K, (frequency, y, x)."""
         return self.air_temperature_k + self.brightness_temperature_contrast
 
 
@@ -199,10 +210,11 @@ class Radiances(_Sight):
 class Echoes(_Sight):
     """What comes back to each pixel of what a transmitter sends out.
 
-    The optical depth is that of the way out and back.
+    The optical depth is that of the way out and back. `returned` (frequency, y, x) is reflectivity
+    times transmission out and back, 1; with `gain = "lambert"` in 1/m^2.
     """
 
-    returned: NDArray[Any]  # reflectivity times transmission out and back, 1
+    returned: NDArray[Any]
     outgoing_length: NDArray[Any]  # (y, x), m, from the transmitter to what the pixel shows
 
 
@@ -217,7 +229,7 @@ class Layer:
 
 @dataclass(frozen=True)
 class Image:
-    """What the sensor records: values (y, x), their unit ("1" for none), and what they are, in words.
+    """What a sensor records: values (y, x), their unit ("1" for none), and what they are.
 
     `facts` are numbers about the image, by name: value and unit.
     """

@@ -2,16 +2,18 @@
 // has no other way to use its vector units, since PoCL does not vectorise divergent loops across
 // work-items. On a GPU LANES is 1.
 //
-// GATHER's indices are none below 0, and need no widening to 64 bits, which would cost an eighth of
-// a trace.
-//
-// Options: LANES 1, 4 or 8; PRECISION 32 or 64 (bits of `real`); WIDE set where the device has
-// float64.
+// Options: LANES is 1, 4 or 8; PRECISION is 32 or 64, the bits of `real`; WIDE is set where the
+// device has float64.
 
 #define JOIN_(a, b) a##b
 #define JOIN(a, b) JOIN_(a, b)
 #define VECTOR_OF_4(type) JOIN(type, 4)
 #define VECTOR_OF_8(type) JOIN(type, 8)
+
+// VECTOR names the type of LANES numbers. LOAD and STORE move one packet of them, ANY says whether
+// a comparison holds in any lane, and GATHER reads p at each lane's own index. GATHER takes the
+// indices as unsigned, since none is below 0: to widen signed ones to 64 bits would cost an eighth
+// of a trace.
 #if LANES == 1
 #define VECTOR(type) type
 #define LOAD(p) (*(p))
@@ -25,7 +27,8 @@
 #define STORE(value, p) vstore4(value, 0, p)
 #define ANY(condition) any_of_4(condition)
 #define LANE_NUMBERS (int4)(0, 1, 2, 3)
-#define GATHER(p, i) (reals)((p)[(uint)(i).s0], (p)[(uint)(i).s1], (p)[(uint)(i).s2], (p)[(uint)(i).s3])
+#define GATHER(p, i) \
+    (reals)((p)[(uint)(i).s0], (p)[(uint)(i).s1], (p)[(uint)(i).s2], (p)[(uint)(i).s3])
 #elif LANES == 8
 #define VECTOR(type) JOIN(type, 8)
 #define LOAD(p) vload8(0, p)
@@ -60,14 +63,15 @@ typedef double wide;
 typedef float wide;
 #endif
 
-// Loops of few turns, over values that are to stay in registers.
+// For loops of few turns over values that are to stay in registers.
 #define UNROLLED _Pragma("unroll")
 
-// OpenCL's any() is a function call to PoCL: around it every vector goes to memory and back.
+// Whether a comparison holds in any lane. OpenCL's any() is a function call in PoCL, which sends
+// every vector around it to memory and back.
 #define JOINED_2(m) ((m).x | (m).y)
 #define JOINED_4(m) JOINED_2((m).lo | (m).hi)
 static inline int any_of_4(VECTOR_OF_4(WHOLE) m) { return JOINED_4(m) < 0; }
 static inline int any_of_8(VECTOR_OF_8(WHOLE) m) { return JOINED_4((m).lo | (m).hi) < 0; }
 
-// OpenCL's fmin honours NaN and makes loops three times slower.
+// The smaller of two numbers. OpenCL's fmin honours NaN and makes loops three times slower.
 #define SMALLER(a, b) ((a) < (b) ? (a) : (b))

@@ -1,5 +1,5 @@
-// What the device can do at most, for `thzcl bench` to hold its stages against: kernels that do one
-// thing only.
+// The most that the device can do, which `thzcl bench` holds its stages against: each kernel does
+// one thing only.
 
 typedef VECTOR(uint) uints;
 
@@ -10,12 +10,13 @@ __kernel void copy(__global const float *restrict from, __global float *restrict
     STORE(LOAD(from + at), to + at);
 }
 
-// A trace's reads without its arithmetic: `count` voxels for every ray of a cube of 2^log2_voxels.
-// `cell` holds the voxel's number in its uppermost bits, so that it wraps at the cube's end by
-// itself. With a factor of 1 the rays go straight, `abreast` neighbours through the same voxels, as
-// those of a camera do; with that of a random number generator, anywhere.
-__kernel void gather(__global const real *restrict cube, int log2_voxels, int abreast, uint factor, uint step, int count,
-                     __global real *restrict out)
+// The reads of a trace without its arithmetic: `count` voxels for every ray, from a cube of
+// 2^log2_voxels. `cell` holds the voxel's number in its uppermost bits, so that it wraps at the
+// cube's end by itself. With a factor of 1 the rays go straight, `abreast` neighbours through the
+// same voxels, as those of a camera do; with the factor of a random number generator they go
+// anywhere.
+__kernel void gather(__global const real *restrict cube, int log2_voxels, int abreast, uint factor,
+                     uint step, int count, __global real *restrict out)
 {
     const int first = get_global_id(0) * LANES, below = 32 - log2_voxels;
     uints cell = VECTOR(convert_uint)((first + LANE_NUMBERS) / abreast) << (uint)below;

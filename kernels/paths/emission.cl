@@ -1,27 +1,29 @@
-// Where air temperature fluctuates, so does what the path emits, and path moments no longer
+// Where the air's temperature fluctuates, so does what the path emits, and path moments no longer
 // suffice: depth and radiance are carried from the camera outwards, at FREQUENCIES frequencies at
 // once. Emission is exact per voxel at any depth: a voxel adds (1 - exp(-K ds)) of its own Planck
 // radiance, taken as difference from the mean air's.
 //
 // Options: FREQUENCIES; HUMIDITY_POWERS, TEMPERATURE_POWERS and PLANCK_POWERS, numbers of
 // coefficients; COUNTS, how many temperature powers matter with each humidity power; THIN where no
-// voxel is deeper than 1/8; CUTOFF as in trace.cl.
+// voxel is deeper than 1/8; CUTOFF as in trace.cl; MOTION and OUTGOING as in camera.cl; BILLBOARDS
+// as in source.cl.
 
-// So many voxels' depths are added up as they are, before a sum takes them in that is compensated
-// as Kahan's (1965): plain float32 alone goes astray by 3e-6 over ten thousand voxels.
+// The depths of this many voxels are added up plainly, before a compensated sum (Kahan 1965) takes
+// them in: plain float32 alone goes astray by 3e-6 over ten thousand voxels.
 #ifdef CUTOFF
-#define TOGETHER CUTOFF   // the depth is asked as often
+#define TOGETHER CUTOFF   // the depth is compared with the cut-off as often
 #else
 #define TOGETHER 16
 #endif
 
-// A polynomial of `count` coefficients, at most `most`. The loop's length must be plain when the
-// compiler unrolls it, before it unrolls what is around.
+// A polynomial of `count` coefficients, at most `most`. The loop's length must be a plain number
+// when the compiler unrolls it, which it does before it unrolls the loops around.
 #define POLYNOMIAL(sum, c, count, most, x) \
     UNROLLED \
     for (int j = (most) - 1; j >= 0; --j) \
         sum = j >= (count) ? sum : j == (count) - 1 ? (reals)((c)[j]) : sum * (x) + (c)[j];
 
+// Adds `latest` to the compensated sum of `depth` and `rest`, and sets it to 0.
 static inline void take_in(reals *depth, reals *rest, reals *latest)
 {
     UNROLLED
@@ -33,23 +35,28 @@ static inline void take_in(reals *depth, reals *rest, reals *latest)
     }
 }
 
-// `coefficients` (FREQUENCIES, HUMIDITY_POWERS, TEMPERATURE_POWERS) per metre; `planck`
-// (FREQUENCIES, PLANCK_POWERS) of B(T) - B(T_mean) in powers of T - T_mean; `emitted` (surface,
+// `coefficients` (FREQUENCIES, HUMIDITY_POWERS, TEMPERATURE_POWERS) are per metre; `planck`
+// (FREQUENCIES, PLANCK_POWERS) is B(T) - B(T_mean) in powers of T - T_mean; `emitted` (surface,
 // FREQUENCIES) is L_surface - B(T_mean). Writes optical depth and radiance above the mean air's,
 // both (FREQUENCIES, ray).
-__kernel void emission(__global const real *restrict delta, __global const real *restrict offset, __constant frame *cube,
-                       int width, int height, int log2n, __global const wide *reach, __global const wide *end,
+__kernel void emission(__global const real *restrict delta, __global const real *restrict offset,
+                       __constant frame *cube, int width, int height, int log2n,
+                       __global const wide *reach, __global const wide *end,
                        __global const wide *restrict time, __global const real *restrict stretch,
-                       __global const int *restrict picked, int count, __global real *restrict path_length,
-                       __global int *restrict surface, __constant real *coefficients, __constant real *planck,
-                       __global const real *restrict emitted, __global const real *restrict blend, real cutoff,
-                       __global int *restrict segments, __global real *restrict depth_out,
-                       __global real *restrict contrast_out)
+                       __global const int *restrict picked, int count,
+                       __global real *restrict path_length, __global int *restrict surface,
+                       __constant real *coefficients, __constant real *planck,
+                       __global const real *restrict emitted, __global const real *restrict blend,
+                       real cutoff, __global int *restrict segments,
+                       __global real *restrict depth_out, __global real *restrict contrast_out)
 {
-    const int packet = get_global_id(0), first_ray = packet * LANES, padded = get_global_size(0) * LANES;
-    march ray = march_start(cube, width, height, log2n, reach, end, time, stretch, picked, count, first_ray);
+    const int packet = get_global_id(0), first_ray = packet * LANES,
+              padded = get_global_size(0) * LANES;
+    march ray = march_start(cube, width, height, log2n, reach, end, time, stretch, picked, count,
+                            first_ray);
     const int counts[] = {COUNTS};
-    reals depth[FREQUENCIES], rest[FREQUENCIES], latest[FREQUENCIES], contrast[FREQUENCIES], transmission[FREQUENCIES];
+    reals depth[FREQUENCIES], rest[FREQUENCIES], latest[FREQUENCIES], contrast[FREQUENCIES],
+          transmission[FREQUENCIES];
     UNROLLED
     for (int f = 0; f < FREQUENCIES; ++f) {
         depth[f] = rest[f] = latest[f] = contrast[f] = 0;

@@ -1,16 +1,18 @@
 // Voxel by voxel through the periodic cube (Amanatides and Woo 1987), LANES rays abreast. Lengths
-// along a ray are in the ray's own parameter: the point at s is origin + s * direction, with the
-// direction's component along the optical axis 1.
+// along a ray are in the ray's own parameter: the point at s is origin + s * direction, and the
+// direction of a camera's ray has component 1 along the optical axis.
 //
-// Crossings are counted and each crossing's place computed afresh: adding steps up drifts, thirty
-// times worse after 660 voxels. A ray in a voxel's face belongs to the voxel above it: voxel i
+// Crossings are counted and the place of each is computed afresh: adding steps up drifts, thirty
+// times worse after 660 voxels. A ray in a face of a voxel belongs to the voxel above it: voxel i
 // spans [i, i + 1).
+//
+// Options: MOTION and OUTGOING as in camera.cl.
 
 typedef struct {
     reals step;        // ray parameter from one crossing of this axis to the next
     reals first;       // ray parameter at the first crossing
-    reals next;
-    reals following;   // the crossing after the next: known in advance, so that the way through a voxel waits for no sum
+    reals next;        // ray parameter at the next crossing
+    reals following;   // at the crossing after it: known ahead, so that no voxel waits for a sum
     wholes crossings;  // of this axis, the next included
     wholes stride;     // what one crossing adds to the cell number
     wholes cell;       // this axis's share of the cell number; wraps by `mask`
@@ -26,7 +28,7 @@ static axis axis_start(const wide *origin, const wide *direction, int shift, int
     for (int lane = 0; lane < LANES; ++lane) {
         const wide d = direction[lane], below = floor(origin[lane]), inside = origin[lane] - below;
         const wide size = 1 / (d < 0 ? -d : d);
-        // A ray that never crosses: a step of 0 from infinity, so that no product of zero and
+        // A ray that never crosses has a step of 0 from infinity, so that no product of zero and
         // infinity arises.
         step[lane] = d == 0 ? 0 : (real)size;
         first[lane] = d == 0 ? INFINITY : (real)((d > 0 ? 1 - inside : inside) * size);
@@ -44,6 +46,7 @@ static axis axis_start(const wide *origin, const wide *direction, int shift, int
     return a;
 }
 
+// Moves the rays whose next crossing of this axis is reached at `there` into the next voxel.
 static inline void axis_cross(axis *a, reals there)
 {
     const wholes crossed = a->next <= there;
@@ -60,11 +63,12 @@ typedef struct {
     reals metres;      // to a unit of the ray's parameter
 } march;
 
-// The rays of a packet at their start, those from number `first` of the `count` that are followed.
-// `reach` is how far the camera's ray goes, `end` how far the ray that is followed; they are the
-// same but for the outgoing way. `time` is when each ray is taken, in seconds.
-static march march_start(__constant frame *cube, int width, int height, int log2n, __global const wide *reach,
-                         __global const wide *end, __global const wide *time, __global const real *stretch,
+// The rays of a packet at their start: those from number `first` of the `count` that are followed.
+// `reach` is how far the camera's ray goes, `end` how far the ray that is followed goes; the two
+// differ on the outgoing way only. `time` is when each ray is taken, in seconds.
+static march march_start(__constant frame *cube, int width, int height, int log2n,
+                         __global const wide *reach, __global const wide *end,
+                         __global const wide *time, __global const real *stretch,
                          __global const int *picked, int count, int first)
 {
     wide ox[LANES], oy[LANES], oz[LANES], dx[LANES], dy[LANES], dz[LANES];
@@ -99,6 +103,7 @@ static march march_start(__constant frame *cube, int width, int height, int log2
     return m;
 }
 
+// The numbers of the voxels that the rays are in.
 static inline wholes march_voxel(const march *m)
 {
     return (m->x.cell & m->x.mask) + (m->y.cell & m->y.mask) + (m->z.cell & m->z.mask);
@@ -111,6 +116,7 @@ static inline reals march_exit(const march *m)
     return SMALLER(side, cap);
 }
 
+// Moves all rays on to `there`, into their next voxels.
 static inline void march_cross(march *m, reals there)
 {
     axis_cross(&m->x, there);
@@ -119,8 +125,8 @@ static inline void march_cross(march *m, reals there)
     m->here = there;
 }
 
-// Voxels crossed over positive length by the packet's rays; the last packet's idle lanes do not
-// count.
+// The number of voxels that a packet's rays crossed over positive length; the last packet's idle
+// lanes do not count.
 static int march_count(wholes crossed, int first, int count)
 {
     whole counts[LANES];
@@ -130,9 +136,9 @@ static int march_count(wholes crossed, int first, int count)
     return sum;
 }
 
-// A ray past the cut-off depth ends where it is: it keeps its path so far, and meets nothing.
-static void march_record_ends(const march *m, wholes ended, __global const int *picked, int count, int first,
-                              __global real *path_length, __global int *surface)
+// Records the rays that the cut-off ended: each keeps its path so far, and meets nothing.
+static void march_record_ends(const march *m, wholes ended, __global const int *picked, int count,
+                              int first, __global real *path_length, __global int *surface)
 {
     real length[LANES];
     whole over[LANES];

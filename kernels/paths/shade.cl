@@ -1,10 +1,11 @@
 // From path moments to what reaches the camera. In isothermal air the radiance above the air's own
 // is (L_surface - B_air) exp(-tau), exactly, whatever the humidity; nothing larger is ever carried.
 //
-// Options: MOMENTS; BANDS, the number of bands, where only sums over frequency are wanted.
+// Options: MOMENTS; BANDS, the number of bands, where only sums over frequency are wanted;
+// BILLBOARDS as in source.cl.
 
-// Optical depth at one frequency; `c` holds MOMENTS + 1 coefficients per metre. Two sums wait for
-// each other half as long.
+// Optical depth at one frequency; `c` holds MOMENTS + 1 coefficients per metre. The terms go to two
+// sums in turn, so that each addition waits for half as many.
 static inline reals depth_of(__global const real *c, reals length, const reals *moments)
 {
     reals one = c[0] * length, other = 0;
@@ -16,25 +17,29 @@ static inline reals depth_of(__global const real *c, reals length, const reals *
     return one + other;
 }
 
-// Whether all rays of a packet see the same thing, as most do: then one value serves them.
+// Whether all rays of a packet meet the same surface, as most do: then one value serves them all.
+// Between textures values are blended ray by ray, so the answer is no.
 static inline int all_alike(__global const int *surface, int first_ray)
 {
 #ifdef BILLBOARDS
     return 0;
 #else
     int alike = 1;
-    for (int lane = 1; lane < LANES; ++lane) alike &= surface[first_ray + lane] == surface[first_ray];
+    for (int lane = 1; lane < LANES; ++lane)
+        alike &= surface[first_ray + lane] == surface[first_ray];
     return alike;
 #endif
 }
 
-// Optical depth and contrast at each frequency, both (frequency, ray) in rows of `row`;
-// `coefficients` (frequency, MOMENTS + 1) per metre, `emitted` (surface, frequency) is L_surface -
-// B_air.
-__kernel void shade(__global const real *restrict path_length, __global const real *restrict moments,
-                    __global const int *restrict surface, __global const real *restrict blend,
-                    __global const real *restrict coefficients, __global const real *restrict emitted, int frequencies,
-                    int row, __global real *restrict depth, __global real *restrict contrast)
+// Optical depth and contrast at each frequency, both (frequency, ray) in rows of `row`.
+// `coefficients` (frequency, MOMENTS + 1) are per metre; `emitted` (surface, frequency) is
+// L_surface - B_air.
+__kernel void shade(__global const real *restrict path_length,
+                    __global const real *restrict moments, __global const int *restrict surface,
+                    __global const real *restrict blend,
+                    __global const real *restrict coefficients,
+                    __global const real *restrict emitted, int frequencies, int row,
+                    __global real *restrict depth, __global real *restrict contrast)
 {
     const int first_ray = get_global_id(0) * LANES, padded = get_global_size(0) * LANES;
     const reals length = LOAD(path_length + first_ray);
@@ -45,24 +50,30 @@ __kernel void shade(__global const real *restrict path_length, __global const re
     __global const real *sent = emitted + surface[first_ray] * frequencies;
     for (int f = 0; f < frequencies; ++f) {
         const reals tau = depth_of(coefficients + f * (MOMENTS + 1), length, m);
-        const reals source = alike ? (reals)(sent[f]) : surface_value(emitted, surface, blend, first_ray, frequencies, f);
+        const reals source =
+            alike ? (reals)(sent[f])
+                  : surface_value(emitted, surface, blend, first_ray, frequencies, f);
         STORE(tau, depth + (size_t)f * row + first_ray);
         STORE(source * exp(-tau), contrast + (size_t)f * row + first_ray);
     }
 }
 
 #ifdef BANDS
-// The same as `shade`, summed over frequency with weights, without ever storing a spectrum: depth
-// of the mean transmission and contrast of each band, both (band, ray). `weights` (band, frequency)
-// sum to 1; `emitted` (band, surface, frequency) has its own multiplied in. Sums are taken relative
-// to the depth at each band's least absorbing frequency, of which `thinnest` holds the coefficients
-// (band, MOMENTS + 1), and `beyond` what the others have more (band, frequency, MOMENTS + 1): what
-// sums leave and what they lose then both keep their digits, in air of any depth.
-__kernel void shade_bands(__global const real *restrict path_length, __global const real *restrict moments,
-                          __global const int *restrict surface, __global const real *restrict blend,
-                          __global const real *restrict thinnest, __global const real *restrict beyond,
-                          __global const real *restrict weights, __global const real *restrict emitted, int frequencies,
-                          int surfaces, __global real *restrict depth, __global real *restrict contrast)
+// Depth of the mean transmission and contrast of each band, both (band, ray): sums over frequency
+// with weights, of which no spectrum is ever stored. `weights` (band, frequency) sum to 1;
+// `emitted` (band, surface, frequency) has its own weights multiplied in. Sums are taken relative
+// to the depth at each band's least absorbing frequency, whose coefficients are `thinnest` (band,
+// MOMENTS + 1); `beyond` (band, frequency, MOMENTS + 1) is what the others have more. So both what
+// is left and what is lost keep their digits, in air of any depth.
+__kernel void shade_bands(__global const real *restrict path_length,
+                          __global const real *restrict moments,
+                          __global const int *restrict surface,
+                          __global const real *restrict blend,
+                          __global const real *restrict thinnest,
+                          __global const real *restrict beyond,
+                          __global const real *restrict weights,
+                          __global const real *restrict emitted, int frequencies, int surfaces,
+                          __global real *restrict depth, __global real *restrict contrast)
 {
     const int first_ray = get_global_id(0) * LANES, padded = get_global_size(0) * LANES;
     const int alike = all_alike(surface, first_ray);
@@ -71,19 +82,23 @@ __kernel void shade_bands(__global const real *restrict path_length, __global co
     UNROLLED
     for (int k = 0; k < MOMENTS; ++k) m[k] = LOAD(moments + first_ray + k * padded);
     for (int b = 0; b < BANDS; ++b) {
-        __global const real *table = emitted + b * surfaces * frequencies, *row = table + surface[first_ray] * frequencies;
+        __global const real *table = emitted + b * surfaces * frequencies,
+                            *row = table + surface[first_ray] * frequencies;
         const reals least = depth_of(thinnest + b * (MOMENTS + 1), length, m);
         reals left = 0, lost = 0, above = 0;
         for (int f = 0; f < frequencies; ++f) {
             reals less;
-            const reals passed = attenuate(depth_of(beyond + (b * frequencies + f) * (MOMENTS + 1), length, m), &less);
+            const reals passed = attenuate(
+                depth_of(beyond + (b * frequencies + f) * (MOMENTS + 1), length, m), &less);
             left += weights[b * frequencies + f] * passed;
             lost += weights[b * frequencies + f] * less;
-            above += passed * (alike ? (reals)row[f] : surface_value(table, surface, blend, first_ray, frequencies, f));
+            above += passed *
+                     (alike ? (reals)row[f]
+                            : surface_value(table, surface, blend, first_ray, frequencies, f));
         }
-        // Of the two sums that which is the smaller part of 1 has the digits: 1 - lost has none
-        // where little is left.
-        STORE(least - (lost < (real)0.5 ? log1p(-lost) : log(left)), depth + b * padded + first_ray);
+        // Of `left` and `lost` the smaller has the digits: where little is left, 1 - lost has none.
+        STORE(least - (lost < (real)0.5 ? log1p(-lost) : log(left)),
+              depth + b * padded + first_ray);
         STORE(above * exp(-least), contrast + b * padded + first_ray);
     }
 }

@@ -1,17 +1,19 @@
-// Path moments by steps of equal length, as ray marchers have it that do not look for voxel faces:
-// what the convergence study holds exact segments against. Each ray is cut into so many equal
-// steps, no longer than `step` metres, and the voxel that holds the middle of a step stands for all
+// Path moments by steps of equal length, as taken by ray marchers that do not look for voxel faces:
+// the convergence study holds exact segments against them. Each ray is cut into as few equal steps
+// as are no longer than `step` metres, and the voxel that holds the middle of a step stands for all
 // of it.
 //
 // Option: MOMENTS.
 
-__kernel void steps(__global const real *restrict delta, __constant frame *cube, int width, int height, int log2n,
-                    __global const wide *reach, __global const wide *end, __global const wide *restrict time,
-                    __global const real *restrict stretch, __global const int *restrict picked, int count,
-                    real step, __global real *restrict moments)
+__kernel void steps(__global const real *restrict delta, __constant frame *cube, int width,
+                    int height, int log2n, __global const wide *reach, __global const wide *end,
+                    __global const wide *restrict time, __global const real *restrict stretch,
+                    __global const int *restrict picked, int count, real step,
+                    __global real *restrict moments)
 {
     const int first = get_global_id(0) * LANES, padded = get_global_size(0) * LANES;
-    real x0[LANES], y0[LANES], z0[LANES], dx[LANES], dy[LANES], dz[LANES], size[LANES], metres[LANES];
+    real x0[LANES], y0[LANES], z0[LANES], dx[LANES], dy[LANES], dz[LANES],
+         size[LANES], metres[LANES];
     whole number[LANES];
     for (int lane = 0; lane < LANES; ++lane) {
         const int ray = RAY(min(first + lane, count - 1));
@@ -26,14 +28,16 @@ __kernel void steps(__global const real *restrict delta, __constant frame *cube,
         number[lane] = (whole)ceil((real)end[ray] * metres[lane] / step);
         size[lane] = number[lane] > 0 ? (real)end[ray] / number[lane] : 0;
     }
-    const reals ox = LOAD(x0), oy = LOAD(y0), oz = LOAD(z0), ux = LOAD(dx), uy = LOAD(dy), uz = LOAD(dz), ds = LOAD(size);
+    const reals ox = LOAD(x0), oy = LOAD(y0), oz = LOAD(z0), ux = LOAD(dx), uy = LOAD(dy),
+                uz = LOAD(dz), ds = LOAD(size);
     const wholes all = LOAD(number);
     const whole mask = ((whole)1 << log2n) - 1;
     reals m[MOMENTS];
     for (int k = 0; k < MOMENTS; ++k) m[k] = 0;
     for (wholes i = 0; ANY(i < all); i += (whole)1) {
         const reals s = (TO_REALS(i) + (real)0.5) * ds;
-        const wholes x = TO_WHOLES(floor(ox + s * ux)) & mask, y = TO_WHOLES(floor(oy + s * uy)) & mask,
+        const wholes x = TO_WHOLES(floor(ox + s * ux)) & mask,
+                     y = TO_WHOLES(floor(oy + s * uy)) & mask,
                      z = TO_WHOLES(floor(oz + s * uz)) & mask;
         const wholes voxel = x + (y << log2n) + (z << (2 * log2n));
         const reals d = GATHER(delta, voxel);

@@ -1,21 +1,25 @@
-// Path moments M_k = integral of delta^k ds in metres, k = 1 ... MOMENTS, with delta = rho /
-// rho_mean - 1. In isothermal air the optical depth at every frequency is a sum over them and the
-// path length, so one trace serves them all.
+// Path moments M_k = integral of delta^k ds in metres, k = 1 ... MOMENTS, with
+// delta = rho / rho_mean - 1. In isothermal air the optical depth at every frequency is a sum over
+// them and the path length, so one trace serves all frequencies.
 //
-// `count` rays are followed; moments are stored in their order, packed to whole packets.
+// `count` rays are followed; their moments are stored in their order, padded to whole packets.
 //
-// Options: MOMENTS; CUTOFF where a ray can pass the cut-off depth: after so many voxels each, the
-// smallest depth over the scene's frequencies is asked, whose coefficients `guard` holds, per
-// metre.
+// Options: MOMENTS; CUTOFF where a ray can pass the cut-off depth; MOTION and OUTGOING as in
+// camera.cl. After each CUTOFF voxels the smallest depth over the scene's frequencies is compared
+// with `cutoff`; `guard` holds its coefficients per metre.
 
-__kernel void trace(__global const real *restrict delta, __constant frame *cube, int width, int height, int log2n,
-                    __global const wide *reach, __global const wide *end, __global const wide *restrict time,
-                    __global const real *restrict stretch, __global const int *restrict picked, int count,
-                    __global real *restrict path_length, __global int *restrict surface, __global real *restrict moments,
-                    __global int *restrict segments, __constant real *guard, real cutoff)
+__kernel void trace(__global const real *restrict delta, __constant frame *cube, int width,
+                    int height, int log2n, __global const wide *reach, __global const wide *end,
+                    __global const wide *restrict time, __global const real *restrict stretch,
+                    __global const int *restrict picked, int count,
+                    __global real *restrict path_length, __global int *restrict surface,
+                    __global real *restrict moments, __global int *restrict segments,
+                    __constant real *guard, real cutoff)
 {
-    const int packet = get_global_id(0), first = packet * LANES, padded = get_global_size(0) * LANES;
-    march ray = march_start(cube, width, height, log2n, reach, end, time, stretch, picked, count, first);
+    const int packet = get_global_id(0), first = packet * LANES,
+              padded = get_global_size(0) * LANES;
+    march ray = march_start(cube, width, height, log2n, reach, end, time, stretch, picked, count,
+                            first);
     reals m[MOMENTS];
     UNROLLED
     for (int k = 0; k < MOMENTS; ++k) m[k] = 0;

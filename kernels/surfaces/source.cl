@@ -1,10 +1,13 @@
-// What surfaces send out, by table: row of the surface that each ray met, column of the frequency.
-// A textured surface has several rows, and the ray lies between two of them.
+// What surfaces send out, by table: its row is the surface that a ray met, its column the
+// frequency. A textured surface has several rows, and a ray may lie between two of them.
 //
-// Options: BILLBOARDS where the scene has textured surfaces.
+// Option: BILLBOARDS where the scene has textured surfaces.
 
-static inline reals surface_value(__global const real *table, __global const int *surface, __global const real *blend,
-                                  int first_ray, int columns, int column)
+// The table's value for each ray of a packet. Where there are textures, `blend` says how far a ray
+// lies from its row towards the next.
+static inline reals surface_value(__global const real *table, __global const int *surface,
+                                  __global const real *blend, int first_ray, int columns,
+                                  int column)
 {
     real value[LANES];
     for (int lane = 0; lane < LANES; ++lane) {

@@ -1,5 +1,5 @@
-// Where each ray ends: ground, boxes, billboards, or the longest range. In float64 where the device
-// has it, a work-item a ray.
+// Where each ray ends: ground, boxes, billboards, or the longest range. A work-item finds the end
+// of one ray, in float64 where the device has it.
 //
 // Options: GROUND, BOXES and BILLBOARDS where the scene has them; COSINE where the slant of the
 // surface is wanted; OUTGOING as in camera.cl.
@@ -19,21 +19,22 @@ typedef struct {
     wide x, y, z, half_width, half_height, cosine, sine;
 } billboard;
 
-// Its texture: where it begins, its size, whether to take the nearest value, the first of its
-// surfaces, how many there are, and where its mask begins, or -1. Values run from 0 to 1, row by
-// row from the top left as seen from the front.
+// A billboard's texture: where it begins, its size, whether to take the nearest value, the first of
+// its surfaces, how many there are, and where its mask begins, or -1. Values run from 0 to 1, row
+// by row from the top left as seen from the front.
 typedef struct {
     int first, width, height, nearest, surface, levels, mask;
 } texture;
 
-// The nearest thing met so far: where, what, between which two surfaces, and how squarely.
+// The nearest surface met so far: how far the ray goes, the surface's number, how far towards the
+// next number, and the cosine of the angle between ray and normal.
 typedef struct {
     wide reach;
     int surface;
     wide blend, cosine;
 } hit;
 
-// What can be met.
+// What rays can meet.
 typedef struct {
     __constant box *boxes;
     __constant int2 *stripes;
@@ -44,9 +45,10 @@ typedef struct {
     int billboard_count;
 } things;
 
-// Cuts the stretch enter ... leave of a ray down to its part between two parallel faces, -half <=
-// position < half.
-static void slab(wide origin, wide direction, wide half_size, int axis, wide *enter, wide *leave, int *enter_axis, int *leave_axis)
+// Cuts the stretch enter ... leave of a ray down to its part between two parallel faces, where
+// -half_size <= position < half_size.
+static void slab(wide origin, wide direction, wide half_size, int axis, wide *enter, wide *leave,
+                 int *enter_axis, int *leave_axis)
 {
     if (direction == 0) {
         if (origin < -half_size || origin >= half_size) *leave = -INFINITY;
@@ -58,25 +60,33 @@ static void slab(wide origin, wide direction, wide half_size, int axis, wide *en
     if (far < *leave) { *leave = far; *leave_axis = axis; }
 }
 
-// The stripe at a point of a face, from the left as seen from outside, of `count` stripes.
+// The stripe at a point of a face, of `count` stripes from the left as seen from outside.
 static int stripe_at(const wide *p, const wide *half_size, int axis, int positive, int count)
 {
-    // Seen from outside, +x, -y and +z have their other horizontal axis running to the right, -x,
-    // +y and -z to the left.
+    // Seen from outside, the other horizontal axis runs to the right on the faces +x, -y and +z,
+    // and to the left on -x, +y and -z.
     const int across = axis == 0 ? 1 : 0, to_right = axis == 1 ? !positive : positive;
-    const wide part = (to_right ? p[across] + half_size[across] : half_size[across] - p[across]) / (2 * half_size[across]);
+    const wide part = (to_right ? p[across] + half_size[across] : half_size[across] - p[across]) /
+                      (2 * half_size[across]);
     return clamp((int)(part * count), 0, count - 1);
 }
 
-static void meet_box(__constant box *b, __constant int2 *stripes, int surface, point origin, point direction, wide norm, hit *nearest)
+// Records a box in `nearest` if the ray meets it sooner. `stripes` holds for each face (-x, +x, -y,
+// +y, -z, +z) the number of its stripes, or 0, and the surface of every other stripe, beginning
+// with the leftmost.
+static void meet_box(__constant box *b, __constant int2 *stripes, int surface, point origin,
+                     point direction, wide norm, hit *nearest)
 {
     const wide east = origin.x - b->x, north = origin.y - b->y;
     const wide half_size[3] = {b->half_x, b->half_y, b->half_z};
-    const wide o[3] = {b->cosine * east + b->sine * north, b->cosine * north - b->sine * east, origin.z - b->z};
-    const wide d[3] = {b->cosine * direction.x + b->sine * direction.y, b->cosine * direction.y - b->sine * direction.x, direction.z};
+    const wide o[3] = {b->cosine * east + b->sine * north, b->cosine * north - b->sine * east,
+                       origin.z - b->z};
+    const wide d[3] = {b->cosine * direction.x + b->sine * direction.y,
+                       b->cosine * direction.y - b->sine * direction.x, direction.z};
     wide enter = -INFINITY, leave = INFINITY;
     int enter_axis = 0, leave_axis = 0;
-    for (int axis = 0; axis < 3; ++axis) slab(o[axis], d[axis], half_size[axis], axis, &enter, &leave, &enter_axis, &leave_axis);
+    for (int axis = 0; axis < 3; ++axis)
+        slab(o[axis], d[axis], half_size[axis], axis, &enter, &leave, &enter_axis, &leave_axis);
 
     // From inside, the face that the ray leaves by is seen.
     const int inside = enter <= 0, axis = inside ? leave_axis : enter_axis;
@@ -94,20 +104,26 @@ static void meet_box(__constant box *b, __constant int2 *stripes, int surface, p
     }
 }
 
-// A texture's value at (u, v), both 0 to 1 from its top left, texel centres at half numbers.
+// A texture's value at (u, v), both 0 to 1 from its top left, with texel centres at half numbers.
 static wide texel(__global const float *values, int width, int height, int nearest, wide u, wide v)
 {
-    if (nearest) return values[clamp((int)(v * height), 0, height - 1) * width + clamp((int)(u * width), 0, width - 1)];
-    const wide x = clamp(u * width - (wide)0.5, (wide)0, (wide)(width - 1)), y = clamp(v * height - (wide)0.5, (wide)0, (wide)(height - 1));
-    const int left = (int)x, top = (int)y, right = min(left + 1, width - 1), below = min(top + 1, height - 1);
+    if (nearest)
+        return values[clamp((int)(v * height), 0, height - 1) * width +
+                      clamp((int)(u * width), 0, width - 1)];
+    const wide x = clamp(u * width - (wide)0.5, (wide)0, (wide)(width - 1)),
+               y = clamp(v * height - (wide)0.5, (wide)0, (wide)(height - 1));
+    const int left = (int)x, top = (int)y, right = min(left + 1, width - 1),
+              below = min(top + 1, height - 1);
     const wide fx = x - left, fy = y - top;
     const wide upper = (1 - fx) * values[top * width + left] + fx * values[top * width + right];
     const wide lower = (1 - fx) * values[below * width + left] + fx * values[below * width + right];
     return (1 - fy) * upper + fy * lower;
 }
 
-static void meet_billboard(__constant billboard *b, __constant texture *t, __global const float *texels, point origin,
-                           point direction, wide norm, hit *nearest)
+// Records a billboard in `nearest` if the ray meets it sooner, where its mask is not below half.
+static void meet_billboard(__constant billboard *b, __constant texture *t,
+                           __global const float *texels, point origin, point direction, wide norm,
+                           hit *nearest)
 {
     const wide ahead = direction.x * b->cosine + direction.y * b->sine;
     const wide reach = ((b->x - origin.x) * b->cosine + (b->y - origin.y) * b->sine) / ahead;
@@ -115,11 +131,13 @@ static void meet_billboard(__constant billboard *b, __constant texture *t, __glo
     const point p = along(origin, reach, direction);
     // Seen from the front, right is the front's direction turned by a quarter to the left, seen
     // from above.
-    const wide u = (wide)0.5 + ((p.y - b->y) * b->cosine - (p.x - b->x) * b->sine) / (2 * b->half_width);
+    const wide u = (wide)0.5 +
+                   ((p.y - b->y) * b->cosine - (p.x - b->x) * b->sine) / (2 * b->half_width);
     const wide v = (wide)0.5 - (p.z - b->z) / (2 * b->half_height);
     if (u < 0 || u >= 1 || v < 0 || v >= 1) return;
     if (t->mask >= 0 && texel(texels + t->mask, t->width, t->height, 1, u, v) < (wide)0.5) return;
-    const wide level = texel(texels + t->first, t->width, t->height, t->nearest, u, v) * (t->levels - 1);
+    const wide level =
+        texel(texels + t->first, t->width, t->height, t->nearest, u, v) * (t->levels - 1);
     const int below = clamp((int)level, 0, t->levels - 2);
     nearest->reach = reach;
     nearest->surface = t->surface + below;
@@ -139,22 +157,26 @@ static void meet_all(const things *all, point origin, point direction, wide norm
 #endif
 #ifdef BOXES
     for (int b = 0; b < all->box_count; ++b)
-        meet_box(all->boxes + b, all->stripes + 6 * b, FIRST_TARGET + b, origin, direction, norm, nearest);
+        meet_box(all->boxes + b, all->stripes + 6 * b, FIRST_TARGET + b, origin, direction, norm,
+                 nearest);
 #endif
 #ifdef BILLBOARDS
     for (int b = 0; b < all->billboard_count; ++b)
-        meet_billboard(all->billboards + b, all->textures + b, all->texels, origin, direction, norm, nearest);
+        meet_billboard(all->billboards + b, all->textures + b, all->texels, origin, direction, norm,
+                       nearest);
 #endif
 }
 
 // For each of the `count` rays that are followed, in their order: `reach` in the ray's parameter;
-// `path_length` in metres, and `stretch`, metres per unit of the parameter; `surface` and `blend`
-// as in source.cl; `cosine` of the angle between ray and normal.
-__kernel void surfaces(__constant frame *camera, int width, int height, wide max_range, __constant box *boxes,
-                       __constant int2 *stripes, int box_count, __constant billboard *billboards,
-                       __constant texture *textures, __global const float *texels, int billboard_count,
-                       __global const int *restrict picked, int count, __global wide *restrict reach,
-                       __global real *restrict stretch, __global real *restrict path_length, __global int *restrict surface,
+// `path_length` in metres; `stretch`, metres per unit of the parameter; `surface` and `blend` as in
+// source.cl; `cosine` of the angle between ray and normal.
+__kernel void surfaces(__constant frame *camera, int width, int height, wide max_range,
+                       __constant box *boxes, __constant int2 *stripes, int box_count,
+                       __constant billboard *billboards, __constant texture *textures,
+                       __global const float *texels, int billboard_count,
+                       __global const int *restrict picked, int count,
+                       __global wide *restrict reach, __global real *restrict stretch,
+                       __global real *restrict path_length, __global int *restrict surface,
                        __global real *restrict blend, __global real *restrict cosine)
 {
     const int slot = get_global_id(0), ray = RAY(min(slot, count - 1));
@@ -176,14 +198,15 @@ __kernel void surfaces(__constant frame *camera, int width, int height, wide max
 }
 
 #ifdef OUTGOING
-// The way from the transmitter, the frame's origin, to what each camera ray met: its end (1, or 0
-// where nothing was met or something stands between), and its length in metres, which is also the
+// The way from the transmitter, the frame's origin, to what each camera ray met: its `end` (1, or 0
+// where nothing was met or something stands between), and its `length` in metres, which is also the
 // stretch of its parameter.
-__kernel void outgoing(__constant frame *transmitter, int width, int height, __constant box *boxes, __constant int2 *stripes,
-                       int box_count, __constant billboard *billboards, __constant texture *textures,
-                       __global const float *texels, int billboard_count,
-                       __global const int *restrict picked, int count, __global const wide *restrict reach,
-                       __global int *restrict surface, __global wide *restrict end, __global real *restrict length)
+__kernel void outgoing(__constant frame *transmitter, int width, int height, __constant box *boxes,
+                       __constant int2 *stripes, int box_count, __constant billboard *billboards,
+                       __constant texture *textures, __global const float *texels,
+                       int billboard_count, __global const int *restrict picked, int count,
+                       __global const wide *restrict reach, __global int *restrict surface,
+                       __global wide *restrict end, __global real *restrict length)
 {
     const int slot = get_global_id(0), ray = RAY(min(slot, count - 1));
     const things all = {boxes, stripes, box_count, billboards, textures, texels, billboard_count};
@@ -198,7 +221,8 @@ __kernel void outgoing(__constant frame *transmitter, int width, int height, __c
     const point seen = ray_direction(transmitter, width, height, ray);
     for (int b = 0; b < billboard_count; ++b) {
         __constant billboard *board = billboards + b;
-        const wide lighting = d.x * board->cosine + d.y * board->sine, viewing = seen.x * board->cosine + seen.y * board->sine;
+        const wide lighting = d.x * board->cosine + d.y * board->sine,
+                   viewing = seen.x * board->cosine + seen.y * board->sine;
         const int row = surface[slot] - textures[b].surface;
         if (row >= 0 && row < textures[b].levels && (lighting > 0) != (viewing > 0)) lit = 0;
     }

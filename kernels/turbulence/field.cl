@@ -1,14 +1,16 @@
 // Random humidity and temperature on a periodic cube of n^3 voxels, x fastest. Numbers are
 // counter-based: Philox 4x32-10 (Salmon et al. 2011) keyed by the seed and counted by the wave
 // vector, so the field depends on nothing else.
+//
+// Option: TWO_FIELDS is 1 where two fields (humidity and temperature) are made at once, else 0.
 
 typedef VECTOR(uint) uints;
 typedef VECTOR(int) ints;
 typedef VECTOR(float) floats;
 #define TO_FLOATS(x) VECTOR(convert_float)(x)
 
-// Both words of a product of 32 bits by 32. To PoCL mul_hi is a function call, around which every
-// vector is spilt.
+// Returns the low word of a product of 32 bits by 32, and its high word in `high`. In PoCL mul_hi
+// is a function call, which sends every vector around it to memory and back.
 static inline uints product(uint a, uints b, uints *high)
 {
 #if LANES == 8
@@ -22,11 +24,13 @@ static inline uints product(uint a, uints b, uints *high)
 #endif
 }
 
+// Philox 4x32-10: replaces the four words of each lane's counter by four random words.
 static void philox(uints *c0, uints *c1, uints *c2, uints *c3, uint2 key)
 {
     for (int round = 0; round < 10; ++round) {
         uints high0, high1;
-        const uints low0 = product(0xD2511F53u, *c0, &high0), low1 = product(0xCD9E8D57u, *c2, &high1);
+        const uints low0 = product(0xD2511F53u, *c0, &high0),
+                    low1 = product(0xCD9E8D57u, *c2, &high1);
         *c0 = high1 ^ *c1 ^ key.x;
         *c2 = high0 ^ *c3 ^ key.y;
         *c1 = low1;
@@ -38,22 +42,25 @@ static void philox(uints *c0, uints *c1, uints *c2, uints *c3, uint2 key)
 // Box and Muller (1958): two independent normals of unit variance from two words.
 static void normals(uints a, uints b, floats *one, floats *other)
 {
-    // Half a turn and a sign: over a whole turn, pi's own rounding would leave a mean of 3e-8,
-    // which adds up at one voxel.
-    const floats radius = sqrt(-2.0f * log((TO_FLOATS(a) + 0.5f) * 0x1p-32f)) * ((b >> 31) != 0 ? (floats)-1.0f : (floats)1.0f);
+    // The angle is half a turn and a sign: over a whole turn, the rounding of pi itself would leave
+    // a mean of 3e-8, which adds up at one voxel.
+    const floats radius = sqrt(-2.0f * log((TO_FLOATS(a) + 0.5f) * 0x1p-32f)) *
+                          ((b >> 31) != 0 ? (floats)-1.0f : (floats)1.0f);
     floats cosine;
-    const floats sine = sincos(3.14159265f * (TO_FLOATS(b & 0x7FFFFFFFu) * 0x1p-31f), &cosine);
+    const floats sine =
+        sincos(3.14159265f * (TO_FLOATS(b & 0x7FFFFFFFu) * 0x1p-31f), &cosine);
     *one = radius * cosine;
     *other = radius * sine;
 }
 
-// White noise times sqrt(Psi dxi^3): the spectra H1, H2 of two independent real fields, H(-k) =
-// conj(H(k)), each part of variance 1/2, or 1 where k is its own mirror image. For one field
-// (TWO_FIELDS 0) the half x = 0 ... n/2 of H1 is written, for a real transform; for two, all of a =
-// H1 + i H2, whose inverse transform holds one field in each part. (The parts of a have unit
-// variance each.) `amplitude` is a table over the squared wave number, which is a whole number on a
-// cubic grid.
-__kernel void spectrum(__global float2 *restrict out, __global const float *restrict amplitude, int n, uint2 seed, uint stream)
+// White noise times sqrt(Psi dxi^3): the spectra H1, H2 of two independent real fields, with
+// H(-k) = conj(H(k)). Each part has variance 1/2, or 1 where k is its own mirror image. For one
+// field (TWO_FIELDS 0) the half x = 0 ... n/2 of H1 is written, for a real transform. For two, all
+// of a = H1 + i H2 is written, whose inverse transform holds one field in its real part and one in
+// its imaginary part; the parts of a itself have unit variance. `amplitude` is a table over the
+// squared wave number, which is a whole number on a cubic grid.
+__kernel void spectrum(__global float2 *restrict out, __global const float *restrict amplitude,
+                       int n, uint2 seed, uint stream)
 {
     const int row = get_global_id(0) * LANES, ky = get_global_id(1), kz = get_global_id(2);
     const int mirror_y = (n - ky) & (n - 1), mirror_z = (n - kz) & (n - 1);
@@ -63,13 +70,16 @@ __kernel void spectrum(__global float2 *restrict out, __global const float *rest
     // In the planes x = 0 and n/2 the mirror image lies in the plane itself: the earlier of the two
     // draws for both.
     const ints in_plane = (kx == 0) | (kx == n / 2);
-    const int image_first = mirror_z < kz || (mirror_z == kz && mirror_y < ky), own_image = mirror_z == kz && mirror_y == ky;
-    const ints conjugate = image_first ? in_plane : (ints)0, real_only = own_image ? in_plane : (ints)0;
+    const int image_first = mirror_z < kz || (mirror_z == kz && mirror_y < ky),
+              own_image = mirror_z == kz && mirror_y == ky;
+    const ints conjugate = image_first ? in_plane : (ints)0,
+               real_only = own_image ? in_plane : (ints)0;
     uints c0 = VECTOR(convert_uint)(kx), c1 = conjugate ? (uints)mirror_y : (uints)ky;
     uints c2 = conjugate ? (uints)mirror_z : (uints)kz, c3 = stream;
     philox(&c0, &c1, &c2, &c3, seed);
 
-    const floats part = real_only ? (floats)1.0f : (floats)0.70710678f, sign = conjugate ? (floats)-1.0f : (floats)1.0f;
+    const floats part = real_only ? (floats)1.0f : (floats)0.70710678f,
+                 sign = conjugate ? (floats)-1.0f : (floats)1.0f;
     const floats sine = real_only ? (floats)0.0f : part * sign;
     floats re1, im1, re2 = 0, im2 = 0;
     normals(c0, c1, &re1, &im1);
@@ -85,17 +95,20 @@ __kernel void spectrum(__global float2 *restrict out, __global const float *rest
         const int x = row + lane;
         const float a = amplitude[x * x + y * y + z * z];
 #if TWO_FIELDS
-        out[((size_t)kz * n + ky) * n + x] = a * (float2)(h1_re[lane] - h2_im[lane], h1_im[lane] + h2_re[lane]);
+        out[((size_t)kz * n + ky) * n + x] =
+            a * (float2)(h1_re[lane] - h2_im[lane], h1_im[lane] + h2_re[lane]);
         if (0 < x && x < n / 2)
-            out[((size_t)mirror_z * n + mirror_y) * n + n - x] = a * (float2)(h1_re[lane] + h2_im[lane], h2_re[lane] - h1_im[lane]);
+            out[((size_t)mirror_z * n + mirror_y) * n + n - x] =
+                a * (float2)(h1_re[lane] + h2_im[lane], h2_re[lane] - h1_im[lane]);
 #else
         out[((size_t)kz * n + ky) * (n / 2 + 1) + x] = a * (float2)(h1_re[lane], h1_im[lane]);
 #endif
     }
 }
 
-// Sums, sums of squares, smallest and largest of runs of `run` voxels.
-__kernel void statistics(__global const float *restrict field, int run, __global float4 *restrict out)
+// Sum, sum of squares, smallest and largest of each stretch of `run` voxels.
+__kernel void statistics(__global const float *restrict field, int run,
+                         __global float4 *restrict out)
 {
     const size_t first = (size_t)get_global_id(0) * run;
     float sum[LANES], square[LANES], low[LANES], high[LANES];
@@ -121,8 +134,8 @@ __kernel void statistics(__global const float *restrict field, int run, __global
     out[get_global_id(0)] = total;
 }
 
-// From a Gaussian of zero mean to relative humidity fluctuations, in place: scale * g clipped at
-// dry air, or, where `shift` is positive, exp(scale * g - shift) - 1, whose mean is 0 too.
+// Turns a Gaussian of zero mean into relative humidity fluctuations, in place: scale * g, clipped
+// at dry air, or, where `shift` is positive, exp(scale * g - shift) - 1, whose mean is 0 too.
 __kernel void humidity(__global float *restrict field, float scale, float shift)
 {
     __global float *at = field + (size_t)get_global_id(0) * LANES;
@@ -131,8 +144,9 @@ __kernel void humidity(__global float *restrict field, float scale, float shift)
 }
 
 #if TWO_FIELDS
-// The two parts of a complex cube.
-__kernel void parts(__global const float2 *restrict both, __global float *restrict one, __global float *restrict other)
+// Takes a complex cube apart into its real and its imaginary part.
+__kernel void parts(__global const float2 *restrict both, __global float *restrict one,
+                    __global float *restrict other)
 {
     const size_t i = get_global_id(0);
     one[i] = both[i].x;
@@ -140,7 +154,8 @@ __kernel void parts(__global const float2 *restrict both, __global float *restri
 }
 
 // field = along * other + across * field.
-__kernel void combine(__global float *restrict field, __global const float *restrict other, float along, float across)
+__kernel void combine(__global float *restrict field, __global const float *restrict other,
+                      float along, float across)
 {
     const size_t i = (size_t)get_global_id(0) * LANES;
     STORE(along * LOAD(other + i) + across * LOAD(field + i), field + i);

@@ -1,6 +1,7 @@
-"""`python tests/bench`: thzcl against what a user would write or take instead, and every claim of its speed.
+"""`python tests/bench` times thzcl against its alternatives, and checks every claim of its speed.
 
-Numba and Mitsuba come with `pip install '.[bench]'`; without them their rows are left out, and said to be.
+Alternatives are what a user would write or take instead. Numba and Mitsuba come with
+`pip install '.[bench]'`; if one is not installed, its rows are left out, and the table says so.
 """
 
 from __future__ import annotations
@@ -13,17 +14,16 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-os.environ.setdefault(
-    "OPENBLAS_NUM_THREADS", "1"
-)  # as in thzcl's own command: else NumPy's threads spin beside everything
+# As in thzcl's own command: else NumPy's threads spin beside everything.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import claims
 import comparison
 import guards
 import readme
 
-from thzcl.commands import printing
-from thzcl.device.opencl import open_device
+from thzcl.commands.tables import Column, Table, show
+from thzcl.device.choose import open_device
 from thzcl.studies.bench import surroundings
 
 README = Path(__file__).parents[2] / "README.md"
@@ -74,9 +74,8 @@ def main() -> None:
     found["claims"] = [record.as_json() for record in records]
     _show_claims(found["claims"])
     machine = found["machine"]
-    print(
-        f"{device.info.name}; {machine['cores']} cores of {machine['processor']}; commit {found['commit']}"
-    )
+    cores = f"{machine['cores']} cores of {machine['processor']}"
+    print(f"{device.info.name}; {cores}; commit {found['commit']}")
     if given.output:
         given.output.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
     if given.readme and not given.only:
@@ -86,48 +85,51 @@ def main() -> None:
 
 
 def _show(one: dict[str, Any]) -> None:
+    columns = (
+        Column(""),
+        Column("time", "ms", ".4g"),
+        Column("G segments/s", form=".3g"),
+        Column("rms error of contrast", form=".1e"),
+        Column("x every ray", form=".3g"),
+        Column("x thinned", form=".3g"),
+        Column(""),
+    )
     rows = [
-        [
+        (
             row["name"],
-            f"{1e3 * row['seconds']:.4g}",
-            "" if row["segments_per_second"] is None else f"{row['segments_per_second'] / 1e9:.3g}",
-            f"{row['error']:.1e}",
-            f"{row['times_ours']:.3g}",
-            f"{row['times_ours_thinned']:.3g}",
-            row["note"],
-        ]
+            1e3 * row["seconds"],
+            None if row["segments_per_second"] is None else row["segments_per_second"] / 1e9,
+            *(row[key] for key in ("error", "times_ours", "times_ours_thinned", "note")),
+        )
         for row in one["methods"]
     ]
-    rows += [[name, "", "", "", "", "", "not installed"] for name in one["not_installed"]]
-    columns = [
-        "",
-        "time / ms",
-        "G segments/s",
-        "rms error of contrast",
-        "x every ray",
-        "x thinned",
-        "",
-    ]
+    rows += [(name, *[None] * 5, "not installed") for name in one["not_installed"]]
     title = (
         f"slide in voxels of {one['voxel_m']} m: {one['rays']} rays, {one['segments']:,} segments"
     )
-    printing.table(title, columns, rows)
+    show(Table(title, columns, tuple(rows)))
 
 
 def _show_claims(records: list[dict[str, Any]]) -> None:
     words = {True: "met", False: "MISSED", None: "not measured"}
-    rows = [
-        [
+    columns = (
+        Column(""),
+        Column("measured", form=".3g"),
+        Column("bound"),
+        *map(Column, ("unit", "", "")),
+    )
+    rows = tuple(
+        (
             record["name"],
-            "" if record["measured"] is None else f"{record['measured']:.3g}",
+            record["measured"],
             f"{'at least' if record['at_least'] else 'at most'} {record['bound']:g}",
             record["unit"],
             words[record["met"]],
             record["note"],
-        ]
+        )
         for record in records
-    ]
-    printing.table("claims", ["", "measured", "bound", "unit", "", ""], rows)
+    )
+    show(Table("claims", columns, rows))
 
 
 if __name__ == "__main__":

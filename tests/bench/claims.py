@@ -16,7 +16,7 @@ from thzcl import pipeline
 from thzcl.device.opencl import Device
 from thzcl.plan.plan import Plan
 from thzcl.plan import report as overview
-from thzcl.scenario import ScenarioError
+from thzcl.errors import ScenarioError
 from thzcl.studies import bench as benchmark
 
 FIVE_GHZ = [640, 645, 650, 655, 660]
@@ -38,7 +38,8 @@ def trace_alone(_device: Device, repeat: int) -> list[Record]:
     trace, gather = (
         next(row for row in found[kind] if row["name"] == name) for kind, name in GATHERED
     )
-    note = f"{100 * trace['share']:.0f} % of a kernel that only gathers, {gather['voxels_per_second'] / 1e9:.3g} G voxels/s"
+    gathered = f"{gather['voxels_per_second'] / 1e9:.3g} G voxels/s"
+    note = f"{100 * trace['share']:.0f} % of a kernel that only gathers, {gathered}"
     return [
         Record(
             "trace of slide",

@@ -136,9 +136,9 @@ def _timed(calls: dict[str, Callable[[], np.ndarray]]) -> dict[str, Callable[[],
 def _row(
     name: str, seconds: dict[str, float], errors: dict[str, float], segments: int, stride: int
 ) -> dict[str, Any]:
-    """`times_ours` is how much longer it takes than ours.
+    """Returns a row of the comparison; `times_ours` is how many times as long as ours it takes.
 
-    Mitsuba with as many samples as ours' error would need.
+    Mitsuba's time is that of as many samples as our error would need.
     """
 
     def scaled(other: str) -> float:
@@ -147,8 +147,10 @@ def _row(
 
     notes = {
         THINNED: f"ray_stride {stride}, fewest moments for a tolerance of {BEARABLE:g}",
-        NUMPY: f"steps of {rivals.STEP} voxels; every {rivals.PART}th row timed, times {rivals.PART}",
-        MITSUBA: f"{mitsuba_march.VARIANT}, {mitsuba_march.SAMPLES} samples a pixel; ratios for as many as equal error takes",
+        NUMPY: f"steps of {rivals.STEP} voxels; "
+        f"every {rivals.PART}th row timed, times {rivals.PART}",
+        MITSUBA: f"{mitsuba_march.VARIANT}, {mitsuba_march.SAMPLES} samples a pixel; "
+        "ratios for as many as equal error takes",
     }
     return {
         "name": name,

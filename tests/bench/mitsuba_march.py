@@ -1,7 +1,8 @@
-"""The same grid, camera and surfaces in Mitsuba 3: what a path tracer that knows nothing of absorption alone would do.
+"""The slide's grid, camera and surfaces in Mitsuba 3, a path tracer for media that also scatter.
 
-Every surface shines with a radiance of 1, the air absorbs and does not scatter, so that a pixel's value is its transmission:
-`volpath` estimates it by null-collision tracking, and its error falls with the root of the number of samples.
+Every surface shines with a radiance of 1 and the air absorbs without scattering, so that a pixel's
+value is its transmission. `volpath` estimates that by null-collision tracking, and its error falls
+with the root of the number of samples.
 """
 
 from __future__ import annotations
@@ -79,9 +80,9 @@ def _sensor(mi, camera) -> dict:
 
 
 def _air(mi, setting) -> dict:
-    """The periodic cube, repeated over the box of voxels that the rays cross.
+    """Returns the periodic cube, turned as it lies in the world.
 
-    Turned as it lies in the world.
+    It is repeated over the box of voxels that the rays cross.
     """
     ends = _ends(setting)
     camera = setting.turn @ np.array(setting.variant.scene.camera.position_m) / setting.cube.voxel_m
@@ -103,9 +104,9 @@ def _air(mi, setting) -> dict:
 
 
 def _ends(setting) -> np.ndarray:
-    """Where the image's outermost rays end, (ray, 3), in voxels of the cube.
+    """Returns where the image's outermost rays end, (ray, 3), in voxels of the cube.
 
-    Not reduced by its period.
+    Places are not reduced by its period.
     """
     raster = setting.variant.geometry.raster
     numbers = np.arange(setting.rays).reshape(raster.rows, raster.columns)

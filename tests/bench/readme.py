@@ -24,9 +24,10 @@ def section(found: dict[str, Any]) -> str:
         f"{name} {version}"
         for name, version in sorted((found["versions"] | found["rivals"]).items())
     )
-    where = f"{machine['cores']} cores of {machine['processor']}, {found['device']}, commit {found['commit'][:12]}"
+    where = f"{machine['cores']} cores of {machine['processor']}, {found['device']}"
+    commit = found["commit"][:12]
     parts = [
-        f"On {where}; medians of {found['repeat']}, taken in turn. {versions}.",
+        f"On {where}, commit {commit}; medians of {found['repeat']}, taken in turn. {versions}.",
         _table(
             ["", *(f"{one['voxel_m']:g} m" for one in found["comparison"])],
             _rivals(found["comparison"]),
@@ -84,8 +85,7 @@ def _rivals(tables: list[Table]) -> list[list[str]]:
 
 def _claim(record: dict[str, Any]) -> list[str]:
     measured = "" if record["measured"] is None else f"{record['measured']:.3g}"
-    bound = f"{'at least' if record['at_least'] else 'at most'} {record['bound']:g} {record['unit']}".removesuffix(
-        " 1"
-    )
+    side = "at least" if record["at_least"] else "at most"
+    bound = f"{side} {record['bound']:g} {record['unit']}".removesuffix(" 1")
     word = {True: "met", False: "**missed**", None: "not measured"}[record["met"]]
     return [record["name"], measured, bound, word, record["note"]]

@@ -1,6 +1,6 @@
-"""What a user would write instead: fixed steps in NumPy, the voxel loop in Numba.
+"""What a user would write instead of thzcl.
 
-And a field by SciPy and NumPy.
+That is: a march by fixed steps in NumPy, the voxel loop in Numba, and a field by NumPy and SciPy.
 """
 
 from __future__ import annotations
@@ -11,13 +11,13 @@ from importlib.util import find_spec
 import numpy as np
 
 STEP = 0.5  # voxels, of the fixed-step march
-PART = 16  # NumPy marches every so many rows, and its time is multiplied: all of them would take minutes
+PART = 16  # NumPy marches one in so many rows, and its time is multiplied: all would take minutes
 
 
 def numpy_march(setting) -> Callable[[], np.ndarray]:
-    """Optical depth (ray,) of every PART-th row of rays, step by step, all abreast.
+    """Returns a function that marches every PART-th row of rays, all abreast, by fixed steps.
 
-    NaN elsewhere.
+    It returns optical depth (ray,), NaN for rays of other rows.
     """
     raster, grid = setting.variant.geometry.raster, setting.cube.grid
     rays = np.arange(setting.rays).reshape(raster.rows, raster.columns)[::PART].ravel()
@@ -50,9 +50,10 @@ def has_numba() -> bool:
 def numba_march(
     setting, real: type = np.float64, absorption: np.ndarray | None = None
 ) -> Callable[[], np.ndarray]:
-    """Optical depth (ray,) by the voxel loop of Amanatides and Woo, all cores; rays in float32 or float64.
+    """Returns a function that runs the voxel loop of Amanatides and Woo (1987) on all cores.
 
-    The cube is in float32 in any case, which is quicker and errs by no more.
+    It returns optical depth (ray,). Rays are in float32 or float64, the cube in float32 in any
+    case, which is quicker and errs by no more.
     """
     raster = setting.variant.geometry.raster
     march = _compiled(real)
@@ -79,10 +80,7 @@ def _axis_start(real: type) -> Callable:
 
     @njit
     def start(origin, direction):
-        """Voxel, its step, and the ray parameter at the first crossing and between crossings.
-
-        Along one axis.
-        """
+        """Returns an axis's voxel, its step, and the parameters to and between crossings."""
         voxel = int(origin)
         if direction == 0:
             return voxel, 0, far, real(0)
@@ -154,9 +152,9 @@ def _compiled(real: type) -> Callable:
 
 
 def field_parts(grid: int, seed: int) -> Callable[[], np.ndarray]:
-    """The two costly parts of a field: Philox normals by NumPy, in float32.
+    """Returns a function that does the two costly parts of a field, in float32.
 
-    And SciPy's real inverse transform, all cores.
+    They are Philox normals by NumPy, and SciPy's real inverse transform on all cores.
     """
     import scipy.fft
 

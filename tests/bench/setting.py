@@ -16,7 +16,7 @@ from thzcl import pipeline
 from thzcl.air.expansion import Surrogate, fit
 from thzcl.clock import Clock
 from thzcl.device.opencl import Device
-from thzcl.error import reference
+from thzcl.error import twin
 from thzcl.paths import thinning
 from thzcl.paths import trace as tracing
 from thzcl.paths.trace import Ends, Medium, Paths
@@ -107,14 +107,12 @@ class Setting:
             self.ends.reach.host()[rays] * np.linalg.norm(direction, axis=1) * self.cube.voxel_m
         )
         origin = np.broadcast_to(self.medium.frame[0], unit.shape)
-        length, voxel = reference.walk(origin, unit, metres, self.cube.voxel_m, field.source.grid)
+        length, voxel = twin.walk(origin, unit, metres, self.cube.voxel_m, field.source.grid)
         delta = self.cube.delta.host().ravel()[voxel].astype(np.float64)
-        absorber = reference.exact(
+        absorber = twin.exact(
             self.surrogate.air, self.variant.frequency_hz[:1], self.cube.humidity_span, (0.0, 0.0)
         )
-        return reference.depth(
-            absorber, reference.Path(length, delta, None, self.cube.humidity_span)
-        )[0]
+        return twin.depth(absorber, twin.Path(length, delta, None, self.cube.humidity_span))[0]
 
     def error(self, transmission: np.ndarray) -> float:
         """Of transmissions of all rays: rms error of the contrast over the checked ones.

@@ -1,9 +1,11 @@
-"""Polynomials that stand in for MPM93 in the kernels, over exactly the range that a scene's own air reaches.
+"""The expansion of absorption in powers of humidity and temperature, which stands in for MPM93.
 
-In isothermal air the optical depth at frequency nu is sum_k c_k(nu) M_k over path moments M_k = integral of delta^k ds, with
-delta = rho / rho_mean - 1; where temperature fluctuates too, each coefficient is itself a polynomial in its departure from
-the mean. Chebyshev series, cut where the error is within what was asked for, and written out in powers of delta: the mean
-air is at delta = 0, so what float32 must resolve are departures from it.
+In isothermal air the optical depth at frequency nu is sum_k c_k(nu) M_k over path moments
+M_k = integral of delta^k ds, with delta = rho / rho_mean - 1. Where temperature fluctuates too,
+each coefficient is itself a polynomial in its departure from the mean. A Chebyshev series over
+exactly the range that a scene's own air reaches is cut where the error is within what was asked
+for, and written out in powers of delta: the mean air is at delta = 0, so that what float32 must
+resolve are departures from it.
 """
 
 from __future__ import annotations
@@ -11,11 +13,13 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from thzcl.air.mean import Air
+from thzcl.graph import LeftOut, Spec, Values, Work, frozen
 
 Array = NDArray[np.float64]
 Span = tuple[float, float]
@@ -27,10 +31,11 @@ _SAFETY = 1.2  # between checked points the error may be a little larger than at
 
 
 @dataclass(frozen=True)
-class Surrogate:
-    """K(nu, delta, t) = sum over k, j of coefficients[nu, k, j] delta^k t^j, in 1/m; t is in kelvin.
+class Expansion:
+    """The polynomial K(nu, delta, t) = sum over k, j of coefficients[nu, k, j] delta^k t^j, in 1/m.
 
-    `measured` is the largest |polynomial - model| over the spans and all frequencies, relative to the mean air's absorption,
+    t is the temperature's departure from the mean in kelvin. `measured` is the largest
+    |polynomial - model| over the spans and all frequencies, relative to the mean air's absorption,
     at points that the fit has not seen; `error` bounds it everywhere.
     """
 
@@ -44,14 +49,14 @@ class Surrogate:
 
     @property
     def moments(self) -> int:
-        """How many path moments beyond the length the optical depth needs."""
+        """Returns how many path moments beyond the length the optical depth needs."""
         return int(self.coefficients.shape[1]) - 1
 
     @property
     def sizes(self) -> Array:
-        """The most that each term can be within the spans, (frequency, humidity power.
+        """Returns the most that each term can be within the spans, 1/m.
 
-        Temperature power), 1/m.
+        The shape is (frequency, humidity power, temperature power).
         """
         spans = zip(
             (self.humidity_span, self.temperature_span), self.coefficients.shape[1:], strict=True
@@ -60,7 +65,7 @@ class Surrogate:
         return np.asarray(np.abs(self.coefficients) * np.outer(humidity, temperature))
 
     def absorption(self, delta: Array | float, offset_k: Array | float = 0.0) -> Array:
-        """Absorption in 1/m, shape (frequency, *broadcast shape of the arguments)."""
+        """Returns absorption in 1/m, shape (frequency, *broadcast shape of the arguments)."""
         d, t = np.broadcast_arrays(
             np.asarray(delta, dtype=np.float64), np.asarray(offset_k, dtype=np.float64)
         )
@@ -77,11 +82,12 @@ def fit(
     *,
     tolerance: float,
     moments: int | None = None,
-) -> Surrogate:
-    """The polynomial of least degree whose error is within `tolerance` (relative to the mean air's absorption).
+) -> Expansion:
+    """Returns the expansion of least degree whose error is within `tolerance`.
 
-    `humidity_span` bounds delta, `temperature_span` the departure from the mean in kelvin. `moments` fixes the degree in
-    delta. Past degree 16 the fit is returned with the error it has: the caller reports it.
+    `tolerance` is relative to the mean air's absorption, `humidity_span` bounds delta,
+    `temperature_span` the departure from the mean in kelvin. `moments` fixes the degree in delta.
+    Past degree 16 the expansion is returned with the error it has, which the caller reports.
     """
     spans = (possible(air, humidity_span), temperature_span)
     return _fitted(
@@ -96,7 +102,7 @@ def _fitted(
     spans: tuple[Span, Span],
     tolerance: float,
     moments: int | None,
-) -> Surrogate:
+) -> Expansion:
     frequency_hz = np.array(frequencies)
     scale = _scale(air, frequency_hz)
     series = chebyshev_series(
@@ -115,51 +121,52 @@ def _fitted(
         _to_powers(span, degree) for span, degree in zip(spans, degrees, strict=True)
     )
     coefficients = np.einsum("ka,jb,fkj->fab", powers_d, powers_t, cut) * scale
-    surrogate = Surrogate(air, frequency_hz, coefficients, *spans, error=0.0, measured=0.0)
-    measured = _measured(surrogate, scale)
+    expansion = Expansion(air, frequency_hz, coefficients, *spans, error=0.0, measured=0.0)
+    measured = _measured(expansion, scale)
     return replace(
-        surrogate,
+        expansion,
         measured=measured,
         error=_SAFETY * max(_error_of_cut(values, series, degrees), measured),
     )
 
 
-def trimmed(surrogate: Surrogate, tolerance: float) -> Surrogate:
-    """The same without its smallest terms, as long as all together are within what its error leaves of a tolerance.
+def trimmed(expansion: Expansion, tolerance: float) -> Expansion:
+    """Returns an expansion without its smallest terms.
 
-    Of each power of delta it is the highest powers of t that go.
+    All that are left out are together within what its error leaves of `tolerance` (relative to the
+    mean air's absorption). Of each power of delta it is the highest powers of t that go.
     """
-    scale = _scale(surrogate.air, surrogate.frequency_hz)
-    terms = (surrogate.sizes / scale).max(axis=0)
+    scale = _scale(expansion.air, expansion.frequency_hz)
+    terms = (expansion.sizes / scale).max(axis=0)
     counts, left_out = np.full(len(terms), terms.shape[1]), 0.0
     while True:
         last = np.where(counts > 1, terms[np.arange(len(terms)), counts - 1], np.inf)
         row = int(last.argmin())
-        if left_out + last[row] > tolerance - surrogate.error:
+        if left_out + last[row] > tolerance - expansion.error:
             break
         left_out += last[row]
         counts[row] -= 1
-    kept = np.where(np.arange(terms.shape[1]) < counts[:, None], surrogate.coefficients, 0.0)
-    cut = replace(surrogate, coefficients=kept, error=surrogate.error + left_out)
+    kept = np.where(np.arange(terms.shape[1]) < counts[:, None], expansion.coefficients, 0.0)
+    cut = replace(expansion, coefficients=kept, error=expansion.error + left_out)
     return replace(cut, measured=_measured(cut, scale))
 
 
-def _measured(surrogate: Surrogate, scale: Array) -> float:
-    """The largest error at points half way between the nodes, and at the ends of the spans."""
+def _measured(expansion: Expansion, scale: Array) -> float:
+    """Returns the largest error half way between the nodes, and at the ends of the spans."""
     delta, offset = (
         _between(span)[index]
         for span, index in zip(
-            (surrogate.humidity_span, surrogate.temperature_span),
+            (expansion.humidity_span, expansion.temperature_span),
             (np.s_[:, None], np.s_[None, :]),
             strict=True,
         )
     )
-    exact = surrogate.air.absorption(surrogate.frequency_hz[:, None, None], delta, offset)
-    return float(np.max(np.abs(surrogate.absorption(delta, offset) - exact) / scale))
+    exact = expansion.air.absorption(expansion.frequency_hz[:, None, None], delta, offset)
+    return float(np.max(np.abs(expansion.absorption(delta, offset) - exact) / scale))
 
 
 def possible(air: Air, humidity_span: Span) -> Span:
-    """A span of delta limited to what this air can be: between dry, and vapour alone."""
+    """Returns a span of delta limited to what air can be: between dry, and vapour alone."""
     if air.absolute_humidity_g_m3 == 0 or air.model == "none":
         return NOWHERE
     high = min(humidity_span[1], air.most_vapour)
@@ -269,3 +276,56 @@ def _to_powers(span: Span, degree: int) -> Array:
         times_u = (np.roll(rows[k], 1) - middle * rows[k]) / half
         rows[k + 1] = times_u if k == 0 else 2 * times_u - rows[k - 1]
     return rows
+
+
+@frozen
+class ExpansionSpec(Spec):
+    """The expansion of one air at some frequencies, over what its cube reaches."""
+
+    air: Air
+    frequency_hz: Values  # (frequency,)
+    field: Any  # the spec of a cube whose value has humidity_span and temperature_span, or None
+    tolerance: float  # relative to the mean air's absorption
+    moments: int | None  # a fixed degree in delta
+    reads = ("field",)
+    stage = "surrogate"
+
+    def run(self, device: Any, field: Any) -> Expansion:
+        """Returns the expansion, of this air's own least degree."""
+        del device
+        spans = (NOWHERE, NOWHERE)
+        if field is not None:
+            spans = (field.humidity_span, field.temperature_span)
+        return self._fit(spans)
+
+    def planned(self) -> Expansion:
+        """Returns the expansion over the range that a cube leaves with probability 1e-6."""
+        return self._fit((NOWHERE, NOWHERE) if self.field is None else self.field.spans())
+
+    def _fit(self, spans: tuple[Span, Span]) -> Expansion:
+        frequency_hz = self.frequency_hz.array
+        return fit(self.air, frequency_hz, *spans, tolerance=self.tolerance, moments=self.moments)
+
+    def describe(self) -> dict[str, Work | LeftOut]:
+        """Returns the model's name; its degree and error are told by the plan."""
+        if self.air.model == "none":
+            return {"surrogate": LeftOut('model = "none": air that absorbs nothing')}
+        return {"surrogate": Work("", "MPM93 as polynomial")}
+
+
+@frozen
+class TrimmedSpec(Spec):
+    """An expansion without terms that are too small to matter, where each costs time a voxel."""
+
+    expansion: ExpansionSpec
+    reads = ("expansion",)
+    stage = "surrogate"
+
+    def run(self, device: Any, expansion: Expansion) -> Expansion:
+        """Returns the expansion with fewer terms, within its tolerance."""
+        del device
+        return trimmed(expansion, self.expansion.tolerance)
+
+    def planned(self) -> Expansion:
+        """Returns the expansion over the range that a cube leaves with probability 1e-6."""
+        return self.expansion.planned()

@@ -1,28 +1,25 @@
-"""What the commands have in common on their command lines."""
+"""The arguments and options that several commands share."""
 
 from __future__ import annotations
 
-import sys
-from collections.abc import Iterable
 from enum import StrEnum
+from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
-
-class UsageError(Exception):
-    """The command line makes no sense; the text says why and what would."""
+from thzcl.errors import UsageError
 
 
-class Format(StrEnum):
-    """How to print."""
+class TextFormat(StrEnum):
+    """The forms of what is more than a table."""
 
     text = "text"
     json = "json"
 
 
 class TableFormat(StrEnum):
-    """How to print a table."""
+    """The forms of a table."""
 
     table = "table"
     json = "json"
@@ -30,7 +27,7 @@ class TableFormat(StrEnum):
 
 
 class RecordFormat(StrEnum):
-    """How to print what a record tells."""
+    """The forms of what a hygrometer's record tells."""
 
     table = "table"
     json = "json"
@@ -42,6 +39,7 @@ Source = Annotated[
         metavar="SCENARIO", help="a TOML file, a result (.nc), or the name of a shipped scene"
     ),
 ]
+Folder = Annotated[Path, typer.Option("-o", "--output", metavar="DIR", help="folder for the files")]
 Settings = Annotated[
     list[str] | None,
     typer.Option("--set", metavar="TABLE.KEY=VALUE", help="change a key; may be repeated"),
@@ -59,17 +57,20 @@ AllowOutside = Annotated[
         "--allow-outside", help="let pictures and tables lie outside the scenario's folder"
     ),
 ]
-HowToPrint = Annotated[Format, typer.Option("--format", help="how to print")]
-HowToTell = Annotated[RecordFormat, typer.Option("--format", help="how to print")]
-HowToTabulate = Annotated[TableFormat, typer.Option("--format", help="how to print")]
+HowText = Annotated[TextFormat, typer.Option("--format", help="how to print")]
+HowTable = Annotated[TableFormat, typer.Option("--format", help="how to print")]
+HowRecord = Annotated[RecordFormat, typer.Option("--format", help="how to print")]
 
 
-def changes(given: list[str] | None) -> dict[str, Any]:
-    """`--set` options as dotted keys and TOML values; what is not TOML is text."""
+def changes(settings: list[str] | None) -> dict[str, Any]:
+    """Returns `--set` options as dotted keys and TOML values; what is not TOML is text.
+
+    Raises UsageError for an option without a key or a value.
+    """
     import tomli
 
     found: dict[str, Any] = {}
-    for item in given or []:
+    for item in settings or []:
         name, equals, text = item.partition("=")
         if not equals or not name.strip():
             raise UsageError(
@@ -77,13 +78,6 @@ def changes(given: list[str] | None) -> dict[str, Any]:
             )
         try:
             found[name.strip()] = tomli.loads(f"value = {text}")["value"]
-        except tomli.TOMLDecodeError:
+        except (ValueError, RecursionError):  # no TOML, too many digits, or too deep
             found[name.strip()] = text
     return found
-
-
-def complain(lines: Iterable[str], code: int) -> int:
-    """Prints what is wrong, and returns the exit code."""
-    for line in lines:
-        print(line, file=sys.stderr)
-    return code

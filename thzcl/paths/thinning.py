@@ -1,7 +1,8 @@
-"""Fewer rays where neighbours share voxels: a lattice of rays and the edges of things are traced, the rest is interpolated.
+"""Fewer rays where neighbours share voxels: a lattice of rays and edges are traced.
 
-At a distance many rays pass through the same voxels, so that the means of powers of delta along the path, M_k over its length,
-vary little from one to the next. They are interpolated bilinearly within one thing seen; every ray keeps its own length.
+At a distance many rays pass through the same voxels, so that the means of powers of delta along the
+path, M_k over its length, vary little from one to the next. They are interpolated bilinearly within
+one thing seen; every ray keeps its own length.
 """
 
 from __future__ import annotations
@@ -12,57 +13,59 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from thzcl.device.opencl import Device
+from thzcl.device.opencl import Buffer, Device
 from thzcl.paths import trace
-from thzcl.paths.trace import Ends, Guard, Medium, Paths
-from thzcl.surfaces.geometry import Raster
+from thzcl.paths.trace import Guard, Medium, Paths
+from thzcl.surfaces.camera import Raster
+from thzcl.surfaces.ends import RayEnds, follow, raster_size
 
-BETWEEN, LATTICE, ALONE = 0, 1, 2  # as in thinning.cl
+BETWEEN, ALONE = 0, 2  # as in thinning.cl
 
 
 def trace_thinned(
     device: Device,
-    ends: Ends,
+    ends: RayEnds,
     medium: Medium,
     moments: int,
     guard: Guard | None,
     stride: int,
-    things: NDArray[Any],
+    targets: NDArray[Any],
 ) -> Paths:
-    """As trace.trace, every `stride`-th ray both ways.
+    """Returns the path moments of every ray from every `stride`-th both ways, and edges.
 
-    `things` (surface,) tells which surfaces are one thing.
+    `targets` (surface,) tells which surfaces belong to one thing.
     """
     raster, precision = ends.geometry.raster, str(ends.stretch.dtype)
-    kind = _sift(device, ends, stride, things)
+    kind = _sift(device, ends, stride, targets)
     lattice = lattice_rays(raster, stride)
-    picked = np.concatenate([lattice, np.flatnonzero(kind.host()[: raster.rays] == ALONE)])
-    followed = trace.follow(device, ends.geometry, picked)
+    alone = np.flatnonzero(kind.host()[: raster.rays] == ALONE)
+    picked = np.concatenate([lattice, alone])
+    followed = follow(device, ends.geometry, picked)
     paths = trace.trace(device, ends, medium, moments, guard, precision, followed)
     return _spread(device, ends, paths, kind, picked, len(lattice), stride)
 
 
 def lattice_rays(raster: Raster, stride: int) -> NDArray[np.int64]:
-    """Numbers of the rays on the lattice, row by row."""
+    """Returns numbers of the rays on the lattice, row by row."""
     rows, columns = (
         np.unique([*range(0, n, stride), n - 1]) for n in (raster.rows, raster.columns)
     )
     return np.asarray(rows[:, None] * raster.columns + columns, dtype=np.int64).ravel()
 
 
-def _sift(device: Device, ends: Ends, stride: int, things: NDArray[Any]) -> Any:
-    """Which rays are traced, on the device: kinds by ray."""
-    raster, precision = ends.geometry.raster, str(ends.stretch.dtype)
+def _sift(device: Device, ends: RayEnds, stride: int, targets: NDArray[Any]) -> Buffer:
+    """Returns which rays are traced, on the device: kinds by ray."""
+    precision = str(ends.stretch.dtype)
     program = device.build(("paths/thinning",), precision, ["MOMENTS=1"])
     kind = device.empty((ends.rays,), np.int8)
-    size = (np.int32(raster.columns), np.int32(raster.rows), np.int32(stride))
     program.run(
         "sift",
         ends.rays // device.lanes(precision),
-        *size,
+        *raster_size(ends.geometry),
+        np.int32(stride),
         ends.surface,
         ends.path_length,
-        device.put(things, np.int32),
+        device.put(targets, np.int32),
         kind,
     )
     return kind
@@ -70,36 +73,33 @@ def _sift(device: Device, ends: Ends, stride: int, things: NDArray[Any]) -> Any:
 
 def _spread(
     device: Device,
-    ends: Ends,
+    ends: RayEnds,
     paths: Paths,
-    kind: Any,
+    kind: Buffer,
     picked: NDArray[Any],
     lattice: int,
     stride: int,
 ) -> Paths:
-    """The moments of every ray."""
-    raster, traced = ends.geometry.raster, paths.moments
-    if traced is None:
-        return paths
-    precision, count = str(traced.dtype), len(traced)
+    """Returns the moments of every ray, of those of the rays that were traced."""
+    traced, precision = paths.moments, str(paths.moments.dtype)
     on_lattice = picked[:lattice]
-    length = paths.path_length.host()[on_lattice]
-    kept = length / ends.path_length.host()[on_lattice]
+    length, whole = (one.path_length.host()[on_lattice] for one in (paths, ends))
+    # A way without length, as to what is not lit, is whole: nothing of it was cut off.
+    kept = np.divide(length, whole, out=np.ones_like(length), where=whole > 0)
     means = traced.host()[:, :lattice] / np.maximum(length, np.finfo(length.dtype).tiny)
     slot = np.zeros(ends.rays, np.int32)
     slot[picked] = np.arange(len(picked))
-    moments = device.empty((count, ends.rays), precision)
-    program = device.build(("paths/thinning",), precision, [f"MOMENTS={count}"])
+    moments = device.empty((len(traced), ends.rays), precision)
+    program = device.build(("paths/thinning",), precision, [f"MOMENTS={len(traced)}"])
     program.run(
         "spread",
         ends.rays // device.lanes(precision),
-        np.int32(raster.columns),
-        np.int32(raster.rows),
+        *raster_size(ends.geometry),
         np.int32(stride),
         kind,
         device.put(slot),
         device.put(means),
-        np.int32(-(-(raster.columns - 1) // stride) + 1),
+        np.int32(-(-(ends.geometry.raster.columns - 1) // stride) + 1),
         np.int32(lattice),
         device.put(kept),
         traced,
@@ -108,4 +108,4 @@ def _spread(
         paths.surface,
         moments,
     )
-    return replace(paths, moments=moments, between=kind.host() == BETWEEN)
+    return replace(paths, moments=moments, interpolated=kind.host() == BETWEEN)

@@ -1,4 +1,4 @@
-"""The one hook: a plugin module names its sensors."""
+"""The hooks on which plugin modules name what they bring."""
 
 from __future__ import annotations
 
@@ -9,5 +9,5 @@ hookspec = pluggy.HookspecMarker("thzcl")
 
 @hookspec
 def register_sensors() -> list[type]:
-    """The sensor classes of this module, each a subclass of thzcl.sensor.Sensor."""
+    """Returns the sensor classes of a module, each a subclass of thzcl.sensor.Sensor."""
     raise NotImplementedError

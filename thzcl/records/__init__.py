@@ -1,4 +1,1 @@
-"""Measured air: from a hygrometer's record to the statistics of its fluctuations.
-
-To pictures of them, and to a scene.
-"""
+"""Measured air: a hygrometer's record becomes statistics of its fluctuations, pictures, a scene."""

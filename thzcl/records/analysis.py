@@ -1,6 +1,6 @@
-"""The statistics of a record: wind run by Taylor's hypothesis, spectra, structure functions.
+"""The statistics of a record: spectra, structure functions, scales and correlation.
 
-Scales and correlation.
+Time becomes distance along the wind by Taylor's hypothesis of frozen air.
 """
 
 from __future__ import annotations
@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from thzcl.errors import RecordError
 from thzcl.records import inertial
-from thzcl.records.columns import RecordError
 from thzcl.records.inertial import Binned, Inertial
 from thzcl.records.record import SLOWEST_M_S, SPIKES, Record
 from thzcl.turbulence.spectra import KOLMOGOROV
@@ -33,9 +33,10 @@ VON_KARMAN_VARIANCE = (  # of C^2 L0^(2/3): 2 pi KOLMOGOROV B(3/2, 1/3)
 
 @dataclass(frozen=True)
 class Batch:
-    """An hour of a record, or all of a shorter one, without trend; gaps are NaN in the signals and filled in the spectra.
+    """An hour of a record, or all of a shorter one, without trend.
 
-    Spatial frequency in cycles/m, densities one-sided in (g/m3)^2 m and K^2 m.
+    `humidity` (n,) in g/m3 and `temperature` (n,) in K are NaN in gaps, which are filled for the
+    spectra. `frequency` is spatial, in cycles/m; densities are one-sided, in (g/m3)^2 m and K^2 m.
     """
 
     wind_speed_m_s: float
@@ -48,7 +49,7 @@ class Batch:
 
     @property
     def smoothed(self) -> tuple[Array, Array]:
-        """Spatial frequency and density, the moving average of five points."""
+        """Returns spatial frequency and density, averaged over five neighbouring points."""
         mean = np.ones(SMOOTHED_OVER) / SMOOTHED_OVER
         return self.frequency[SMOOTHED_OVER // 2 : -(SMOOTHED_OVER // 2)], np.convolve(
             self.density, mean, "valid"
@@ -57,7 +58,7 @@ class Batch:
 
 @dataclass(frozen=True)
 class Analysis:
-    """What a record tells; units are g/m3, K, m and cycles/m."""
+    """The statistics of a record; units are g/m3, K, m and cycles/m."""
 
     record: Record
     batches: tuple[Batch, ...]
@@ -73,7 +74,7 @@ class Analysis:
     left_out: int  # batches
 
     def as_json(self) -> dict[str, Any]:
-        """As `thzcl fluctuations --format json` prints it."""
+        """Returns what `thzcl fluctuations --format json` prints."""
         record, constant = self.record, self.inertial.structure_constant
         mean, sigma = float(np.nanmean(record.humidity)), float(np.nanstd(record.humidity))
         return {
@@ -122,26 +123,36 @@ class Analysis:
         }
 
     def _doubts(self) -> Iterator[str]:
+        """Yields what speaks against trusting the figures."""
         intensity = (
             float(np.sqrt(np.nanvar(self.record.wind, axis=1).sum())) / self.record.wind_speed_m_s
         )
         if intensity > GUSTY:
-            yield f"the wind's fluctuations are {100 * intensity:.0f} % of its mean: Taylor's hypothesis is doubtful"
+            yield (
+                f"the wind's fluctuations are {100 * intensity:.0f} % of its mean: "
+                "Taylor's hypothesis is doubtful"
+            )
         difference = self.structure_constant / self.inertial.structure_constant - 1
         if abs(difference) > 0.2:
-            yield f"the structure function's C_q^2 is {100 * difference:+.0f} % off the spectrum's: trust neither to less"
+            yield (
+                f"the structure function's C_q^2 is {100 * difference:+.0f} % off the spectrum's: "
+                "trust neither to less"
+            )
 
 
 def analyse(record: Record) -> Analysis:
-    """The statistics of a record. Sigma is taken before detrending; structure constants and correlation after it.
+    """Returns the statistics of a record.
 
-    Raises RecordError where gaps leave no batch, or a batch no inertial range.
+    Sigma is taken before the trend is removed, structure constants and correlation after it.
+    Raises RecordError if gaps leave no batch, or if no inertial range is found.
     """
     place = f"{record.files[0]}: humidity"
     batches, left_out = _batches(record)
     if not batches:
-        text = f"of {left_out} batches none has fewer than {MOST_FILLED:.0%} of gaps and a wind of {SLOWEST_M_S:g} m/s"
-        raise RecordError(f"{place}: {text}; expected one")
+        raise RecordError(
+            f"{place}: of {left_out} batches none has fewer than {MOST_FILLED:.0%} of gaps "
+            f"and a wind of {SLOWEST_M_S:g} m/s; expected one"
+        )
     spectrum = inertial.binned(
         *(np.concatenate([getattr(b, name) for b in batches]) for name in ("frequency", "density"))
     )
@@ -169,7 +180,7 @@ def analyse(record: Record) -> Analysis:
 
 
 def _batches(record: Record) -> tuple[tuple[Batch, ...], int]:
-    """The batches, of one length, and how many were left out for their gaps or for want of wind."""
+    """Returns batches of one length, and how many were left out for their gaps or want of wind."""
     number = max(1, int(record.samples / record.rate_hz // BATCH_S))
     length = record.samples // number
     found = []
@@ -192,6 +203,7 @@ def _batches(record: Record) -> tuple[tuple[Batch, ...], int]:
 
 
 def _batch(signals: list[Array], wind: float, rate_hz: float) -> Batch:
+    """Returns the batch of humidity and, if it is among the signals, temperature."""
     plain = [_detrended(signal) for signal in signals]
     spectra = [_periodogram(filled(signal), rate_hz) for signal in plain]
     frequency_hz, density = spectra[0]
@@ -207,7 +219,7 @@ def _batch(signals: list[Array], wind: float, rate_hz: float) -> Batch:
 
 
 def _detrended(signal: Array) -> Array:
-    """Less the straight line of least squares through the samples that are there."""
+    """Returns a signal less the line of least squares through the samples that are there."""
     time = np.linspace(-1, 1, len(signal))
     there = np.isfinite(signal)
     time, level = time - time[there].mean(), signal[there].mean()
@@ -216,9 +228,9 @@ def _detrended(signal: Array) -> Array:
 
 
 def filled(signal: Array) -> Array:
-    """With straight lines across its gaps: for a spectrum, which needs all samples.
+    """Returns a signal with straight lines across its gaps.
 
-    And for nothing else.
+    Only spectra and autocorrelations take it, since they need all samples.
     """
     there = np.isfinite(signal)
     if there.all():
@@ -228,9 +240,9 @@ def filled(signal: Array) -> Array:
 
 
 def _periodogram(signal: Array, rate_hz: float) -> tuple[Array, Array]:
-    """Frequency in Hz and one-sided density per Hz, Hann window.
+    """Returns frequencies in Hz and one-sided density per Hz of a signal under a Hann window.
 
-    Without zero frequency and Nyquist's.
+    Frequency zero and Nyquist's are left out.
     """
     window = 0.5 - 0.5 * np.cos(2 * np.pi * np.arange(len(signal)) / len(signal))
     spectrum = np.fft.rfft(window * (signal - signal.mean()))[1 : (len(signal) + 1) // 2]
@@ -239,9 +251,9 @@ def _periodogram(signal: Array, rate_hz: float) -> tuple[Array, Array]:
 
 
 def _structure(batches: tuple[Batch, ...], rate_hz: float) -> tuple[Array, Array]:
-    """Separations in m and mean squared differences there.
+    """Returns separations in m, and the mean squared differences of samples so far apart.
 
-    Over the pairs of samples that are there, of all batches.
+    The mean is over all batches' pairs of samples of which neither is missing.
     """
     lags = np.unique(np.geomspace(1, len(batches[0].humidity) // 4, LAGS).astype(int))
     rows = np.empty((len(batches), len(lags)))
@@ -257,7 +269,7 @@ def _structure(batches: tuple[Batch, ...], rate_hz: float) -> tuple[Array, Array
 
 
 def _temperature(batches: tuple[Batch, ...], humidity: Inertial) -> Inertial | None:
-    """Of temperature, in the inertial range of humidity and with its outer scale."""
+    """Returns the fit to temperature's spectrum, with humidity's range and outer scale."""
     densities = [
         batch.temperature_density for batch in batches if batch.temperature_density is not None
     ]
@@ -270,7 +282,7 @@ def _temperature(batches: tuple[Batch, ...], humidity: Inertial) -> Inertial | N
 
 
 def _correlation(batches: tuple[Batch, ...]) -> float | None:
-    """Of temperature and humidity, over all samples that have both."""
+    """Returns the correlation of temperature and humidity over all samples that have both."""
     q = np.concatenate([batch.humidity for batch in batches])
     if batches[0].temperature is None:
         return None
@@ -280,7 +292,7 @@ def _correlation(batches: tuple[Batch, ...]) -> float | None:
 
 
 def _integral_scale(batch: Batch, rate_hz: float) -> float:
-    """The integral of the autocorrelation up to its first zero, in m."""
+    """Returns the integral of the autocorrelation up to its first zero, in m."""
     signal = filled(batch.humidity)
     size = 2 ** math.ceil(math.log2(2 * len(signal)))
     covariance = np.fft.irfft(np.abs(np.fft.rfft(signal, size)) ** 2)[: len(signal)]

@@ -1,6 +1,6 @@
-"""Which column of a record holds what, and in which unit: found by usual names.
+"""Which column of a record holds what, and in which unit.
 
-Or named by the user.
+Columns are found by their usual names, unless the user names them.
 """
 
 from __future__ import annotations
@@ -9,18 +9,18 @@ import re
 from collections.abc import Sequence
 from typing import NamedTuple
 
+from thzcl.errors import RecordError
+
 GRAMS_PER_MILLIMOLE = 0.01801528  # of water, CODATA
 KELVIN = 273.15
 
 
-class RecordError(Exception):
-    """A record cannot be used; the text says where, why, and what was expected."""
-
-
 class Role(NamedTuple):
-    """What a column can be: its usual names (lower case, letters and digits alone) and its units: factor and offset.
+    """What a column can hold, by its usual names and units.
 
-    `assumed` is the unit of a column that names none; the empty text where none can be assumed.
+    `names` are in lower case, letters and digits alone. `units` maps each unit to the factor and
+    offset that turn it into the record's. `assumed` is the unit of a column that names none, or
+    empty where none can be assumed.
     """
 
     names: tuple[str, ...]
@@ -29,10 +29,7 @@ class Role(NamedTuple):
 
 
 class Column(NamedTuple):
-    """Where something stands, what it is called there, and how to turn it into g/m3, m/s, K.
-
-    HPa or s.
-    """
+    """A column's place and name, and how its values turn into g/m3, m/s, K, hPa or s."""
 
     at: int
     name: str
@@ -67,29 +64,44 @@ _SECONDS = {
 }
 
 ROLES = {
-    "time": Role(("timestamp", "time", "datetime", "tmstamp", "t", "times", "seconds", "unixtime"), _SECONDS, "s"),
+    "time": Role(
+        ("timestamp", "time", "datetime", "tmstamp", "t", "times", "seconds", "unixtime"),
+        _SECONDS,
+        "s",
+    ),
     "nanoseconds": Role(("nanoseconds",), _SECONDS, "ns"),
     "h2o": Role(
-        ("h2o", "h2odensity", "h2oconc", "water", "watervapor", "watervapour", "absolutehumidity", "vapordensity",
-         "vapourdensity", "rhov", "humidity"),
+        ("h2o", "h2odensity", "h2oconc", "water", "watervapor", "watervapour",
+         "absolutehumidity", "vapordensity", "vapourdensity", "rhov", "humidity"),
         _GRAMS,
         "g/m3",
     ),
     "Ux": Role(("ux", "u", "windx", "uwind"), _SPEED, "m/s"),
     "Uy": Role(("uy", "v", "windy", "vwind"), _SPEED, "m/s"),
     "Uz": Role(("uz", "w", "windz", "wwind"), _SPEED, "m/s"),
-    "speed": Role(("windspeed", "ws", "wndspd", "wind", "speed", "horizontalwindspeed"), _SPEED, "m/s"),
-    "Ts": Role(("ts", "tsonic", "tson", "sonictemperature", "sonictemp", "virtualtemperature"), _DEGREES, ""),
-    "pressure": Role(("press", "pressure", "airpressure", "atmosphericpressure", "pair", "p", "irgapress"), _HECTOPASCALS, ""),
+    "speed": Role(
+        ("windspeed", "ws", "wndspd", "wind", "speed", "horizontalwindspeed"), _SPEED, "m/s"
+    ),
+    "Ts": Role(
+        ("ts", "tsonic", "tson", "sonictemperature", "sonictemp", "virtualtemperature"),
+        _DEGREES,
+        "",
+    ),
+    "pressure": Role(
+        ("press", "pressure", "airpressure", "atmosphericpressure", "pair", "p", "irgapress"),
+        _HECTOPASCALS,
+        "",
+    ),
 }  # fmt: skip
 NEEDED = ("time", "h2o")
 
 
 def find(names: Sequence[str], units: Sequence[str], chosen: str, place: str) -> dict[str, Column]:
-    """The columns of a file by role; `units` are those of its own line of units, or empty.
+    """Returns the columns of a file by role.
 
-    `chosen` is what the user says, "h2o=NAME:UNIT,Ux=NAME"; `place` is the header's file and line,
-    for messages. Raises RecordError for a column that is missing and for a unit that is not known.
+    `units` are those of the file's own line of units, or empty texts. `chosen` is what the user
+    says, "h2o=NAME:UNIT,Ux=NAME"; `place` is the header's file and line, for messages. Raises
+    RecordError if a column is missing, or if a unit is not known.
     """
     split = [_split(name, unit) for name, unit in zip(names, units, strict=True)]
     found: dict[str, Column] = {}
@@ -114,7 +126,7 @@ def find(names: Sequence[str], units: Sequence[str], chosen: str, place: str) ->
 
 
 def _complete(found: dict[str, Column], names: Sequence[str], place: str) -> None:
-    """Raises RecordError if something is missing."""
+    """Raises RecordError if a column of time, humidity or wind is missing."""
     told = f"; there are {', '.join(names)[:300]}; name it with --columns"
     for role in NEEDED:
         if role not in found:
@@ -124,12 +136,13 @@ def _complete(found: dict[str, Column], names: Sequence[str], place: str) -> Non
             raise RecordError(f"{place}: expected a column {meant}{told} {role}=NAME")
     if not ({"Ux", "Uy"} <= found.keys() or "speed" in found):
         raise RecordError(
-            f"{place}: expected columns of wind, Ux, Uy and Uz, or a wind speed, in m/s{told} Ux=NAME,Uy=NAME"
+            f"{place}: expected columns of wind, Ux, Uy and Uz, or a wind speed, in m/s{told} "
+            "Ux=NAME,Uy=NAME"
         )
 
 
 def _chosen(text: str) -> dict[str, tuple[str, str]]:
-    """What --columns says, by role: name and unit, the unit empty where none is given."""
+    """Returns name and unit of each role in --columns; the unit is empty if none is given."""
     found = {}
     known = {role.lower(): role for role in ROLES}
     for item in filter(None, (part.strip() for part in text.split(","))):
@@ -145,7 +158,10 @@ def _chosen(text: str) -> dict[str, tuple[str, str]]:
 
 
 def _usual(role: str, split: Sequence[tuple[str, str]]) -> int | None:
-    """The first column with a usual name for a role, one of a usable unit before one of another."""
+    """Returns the first column with a usual name for a role, or None.
+
+    A column that names no unit, or one that can be used, goes before others.
+    """
     plain = [
         re.sub(r"[^a-z0-9]", "", re.sub(r"^aux\s*\d*\s*-?\s*", "", name.lower()))
         for name, _ in split
@@ -156,6 +172,7 @@ def _usual(role: str, split: Sequence[tuple[str, str]]) -> int | None:
 
 
 def _column(role: str, at: int, name: str, unit: str, place: str) -> Column:
+    """Returns the column of a role. Raises RecordError for a unit that is not known."""
     known = ROLES[role].units
     if role == "time" and not unit:
         return Column(at, name)
@@ -170,7 +187,7 @@ def _column(role: str, at: int, name: str, unit: str, place: str) -> Column:
 
 
 def _unit(text: str) -> str:
-    """A unit as ROLES spells it: "g m^-3", "g/m³" and "g/m^3" are one."""
+    """Returns a unit as ROLES spells it; "g m^-3", "g/m³" and "g/m^3" are all "g/m3"."""
     plain = text.lower().translate(str.maketrans("³⁻²¹", "3-21", " ^*·.°_\ufffd"))
     return {
         "gm3": "g/m3",
@@ -185,9 +202,10 @@ _ENDING = re.compile(r"^(.*?)_((?:m?g|kg|m?mol)_m3|m_s|degc|deg_c|[ck]|[hk]?pa|s
 
 
 def _split(name: str, unit: str) -> tuple[str, str]:
-    """A column's bare name and unit: from the line of units, brackets.
+    """Returns a column's bare name and its unit.
 
-    Or an ending such as _g_m3.
+    The unit is that of the line of units, or stands in the name, in brackets or as an ending such
+    as _g_m3.
     """
     if unit.strip():
         return name.strip(), unit.strip()

@@ -1,6 +1,6 @@
-"""Pictures of a record, like the paper's figures 2, 3 and 4: against time, against wind run.
+"""Pictures of a record, like figures 2 to 4 of O'Brien and Tofsted.
 
-And its spectrum.
+They show humidity and wind against time, humidity against wind run, and the spectrum.
 """
 
 from __future__ import annotations
@@ -24,9 +24,9 @@ LOWEST = 1e-5  # of the line's end; a spectrum that breaks off has nothing to sh
 
 
 def write(analysis: Analysis, folder: Path) -> list[Path]:
-    """Writes NAME-time.png, NAME-wind-run.png and NAME-spectrum.png.
+    """Writes NAME-time.png, NAME-wind-run.png and NAME-spectrum.png; returns their paths.
 
-    Named after the record's first file. Raises OSError.
+    NAME is that of the record's first file. Raises OSError if a file cannot be written.
     """
     stem = Path(analysis.record.files[0]).stem
     pictures: dict[str, Callable[[Analysis, Any], None]] = {
@@ -40,6 +40,7 @@ def write(analysis: Analysis, folder: Path) -> list[Path]:
 
 
 def _save(analysis: Analysis, draw: Callable[[Analysis, Any], None], path: Path) -> None:
+    """Draws a figure and saves it."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -55,19 +56,20 @@ def _save(analysis: Analysis, draw: Callable[[Analysis, Any], None], path: Path)
 
 
 def _thin(values: Array) -> tuple[Array, int]:
-    """Values, or means of so many where there are too many to draw."""
+    """Returns values and 1, or, if there are too many to draw, means of n values each and n."""
     run = -(-len(values) // MOST_POINTS)
     return values[: len(values) // run * run].reshape(-1, run).mean(axis=1), run
 
 
 def _against_time(analysis: Analysis, figure: Any) -> None:
-    """The paper's figure 2: concentration and wind."""
+    """Draws humidity and wind speed against time, as in the paper's figure 2."""
     record = analysis.record
     top, bottom = figure.subplots(2, 1, sharex=True)
     speed = np.sqrt((record.wind**2).sum(axis=0))
     for ax, values, colour, label in (
-        (top, record.humidity, "C0", "water vapour / g/m³"), (bottom, speed, "C2", "wind speed / m/s"),
-    ):  # fmt: skip
+        (top, record.humidity, "C0", "water vapour / g/m³"),
+        (bottom, speed, "C2", "wind speed / m/s"),
+    ):
         drawn, run = _thin(values)
         seconds = (np.arange(len(drawn)) + 0.5) * run / record.rate_hz
         ax.plot(seconds, drawn, color=colour, lw=0.6)
@@ -84,7 +86,7 @@ def _against_time(analysis: Analysis, figure: Any) -> None:
 
 
 def _against_wind_run(analysis: Analysis, figure: Any) -> None:
-    """The paper's figure 3: humidity along the wind, by Taylor's hypothesis."""
+    """Draws humidity along the wind by Taylor's hypothesis, as in the paper's figure 3."""
     record = analysis.record
     ax = figure.subplots()
     (drawn, run), speed, mean = (
@@ -103,10 +105,7 @@ def _against_wind_run(analysis: Analysis, figure: Any) -> None:
 
 
 def _spectra(analysis: Analysis, figure: Any) -> None:
-    """The paper's figure 4: the spectrum, raw and smoothed, with its -5/3 line.
-
-    And the structure function.
-    """
+    """Draws spectrum and structure function with their lines, as in the paper's figure 4."""
     left, right = figure.subplots(1, 2, width_ratios=(3, 2))
     found, batch = analysis.inertial, analysis.batches[0]
     left.loglog(
@@ -142,8 +141,7 @@ def _spectra(analysis: Analysis, figure: Any) -> None:
     right.loglog(separation, structure, "o-", ms=3, lw=0.7, color="C0", label="measured")
     ends = np.array(analysis.structure_range_m)
     line = analysis.structure_constant * ends ** (2 / 3)
-    right.loglog(
-        ends, line, color="C3", lw=2, label=f"C_q² r²ᐟ³, C_q² = {analysis.structure_constant:.3g}"
-    )
+    constant = f"C_q² r²ᐟ³, C_q² = {analysis.structure_constant:.3g}"
+    right.loglog(ends, line, color="C3", lw=2, label=constant)
     right.set(xlabel="separation / m", ylabel="structure function / (g/m³)²")
     right.set_title("structure function", fontsize=10)

@@ -1,9 +1,10 @@
-"""The inertial range: found in a spectrum and in a structure function, and the structure constants that they give.
+"""The inertial range of a spectrum and of a structure function, and their structure constants.
 
-One-sided in cycles per metre, the density of a scalar whose structure function is C^2 r^(2/3) is
-2 * 0.1244 (2 pi)^(-2/3) C^2 xi^(-5/3); two-sided in radians per metre, 0.1244 C^2 k^(-5/3). Tatarskii (1971). White noise of
-the sensor adds a floor to the one and twice its variance to the other. Periodograms are fitted by maximum likelihood, that
-is by their mean, as Whittle (1953) has it: the mean of their logarithm would lie 44 % low.
+The density of a scalar whose structure function is C^2 r^(2/3) is, one-sided in cycles per metre,
+2 * 0.1244 (2 pi)^(-2/3) C^2 xi^(-5/3), and two-sided in radians per metre 0.1244 C^2 k^(-5/3)
+(Tatarskii 1971). White noise of the sensor adds a floor to the spectrum and twice its variance to
+the structure function. Periodograms are fitted by maximum likelihood (Whittle 1953), that is by
+their mean: the mean of their logarithm would lie 44 % low.
 """
 
 from __future__ import annotations
@@ -14,26 +15,29 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from thzcl.records.columns import RecordError
+from thzcl.errors import RecordError
 from thzcl.turbulence.spectrum_table import KOLMOGOROV_ALONG as ONE_SIDED_CYCLES
 
 Array = NDArray[np.float64]
 
 BINS_PER_DECADE = 12
 FEWEST_IN_BIN = 8  # periodogram values
-HANN_CORRELATION = (
-    35 / 18
-)  # neighbours of a Hann-windowed periodogram share information: 1 + 2 (4/9 + 1/36)
-TOLERATED = 0.15  # relative departure of a bin from the line, beside its scatter: measured turbulence is intermittent
-MEAN_DEVIANCE, LARGEST_DEVIANCE = (
-    1.5,
-    9.0,
-)  # of bins in the inertial range; 1 on average, and three sigma
-WIDEST_SLOPE = 0.06  # departure of the free slope from -5/3 within the range; two standard deviations, where they are more
+# Neighbours of a Hann-windowed periodogram share information: 1 + 2 (4/9 + 1/36).
+HANN_CORRELATION = 35 / 18
+# The relative departure of a bin from the line, beside its scatter: measured turbulence is
+# intermittent.
+TOLERATED = 0.15
+# Of bins in the inertial range: expected are 1 on average, and three sigma at most.
+MEAN_DEVIANCE, LARGEST_DEVIANCE = 1.5, 9.0
+# The departure of the free slope from -5/3 within the range, or two standard deviations if they
+# are more.
+WIDEST_SLOPE = 0.06
 NARROWEST = 5.0  # ratio of the range's limits
 OUTER_SCALES = 40  # tried
 ABOVE_BEND = 3.0  # inverse outer scales, at which von Karman's density is 8 % below the line
-BEND = 0.393  # of D(r) = C^2 r^(2/3) (1 - 0.393 (2 pi r / L0)^(4/3)): Gamma(2/3) and (4/3) in the series of von Karman's
+# Of D(r) = C^2 r^(2/3) (1 - 0.393 (2 pi r / L0)^(4/3)), the series of von Karman's structure
+# function: from Gamma(2/3) and Gamma(4/3).
+BEND = 0.393
 MOST_BENT = 0.5  # 2 pi r / L0: there the series is short by 0.2 %
 STRAIGHT = 0.03  # relative departure of a structure function from its line
 
@@ -42,9 +46,9 @@ STRAIGHT = 0.03  # relative departure of a structure function from its line
 class Binned:
     """A periodogram averaged in bins of the logarithm of spatial frequency; all arrays are (bin,).
 
-    `density` one-sided, in squared units of the signal times m; `power` the mean of xi^(-5/3) in
-    the bin, `frequency` (in cycles/m) that at which xi^(-5/3) has this mean; `count` how many
-    values of periodograms.
+    `density` is one-sided, in squared units of the signal times m; `power` is the mean of
+    xi^(-5/3) in the bin, `frequency` (in cycles/m) that at which xi^(-5/3) has this mean, and
+    `count` the number of periodogram values.
     """
 
     frequency: Array
@@ -53,7 +57,7 @@ class Binned:
     count: Array
 
     def part(self, low: float, high: float) -> Binned:
-        """The bins between two spatial frequencies."""
+        """Returns the bins between two spatial frequencies."""
         inside = (self.frequency >= low) & (self.frequency <= high)
         return Binned(
             self.frequency[inside], self.power[inside], self.density[inside], self.count[inside]
@@ -62,33 +66,36 @@ class Binned:
 
 @dataclass(frozen=True)
 class Inertial:
-    """The inertial range of a spectrum: its limits in cycles/m, C^2, the noise's density.
+    """The inertial range of a spectrum, and what was fitted in it.
 
-    And the free slope.
+    `limits` are in cycles/m; `structure_constant` is C^2; `noise` is the floor, one-sided, in
+    squared units of the signal times m; `bend` is 1/L0 in cycles/m of the von Karman spectrum that
+    bends below the range, or 0 if it does not bend; `slope` is fitted freely, and its uncertainty
+    is one standard deviation.
     """
 
     limits: tuple[float, float]
     structure_constant: float
-    noise: float  # one-sided, in squared units of the signal times m
-    bend: float  # cycles/m, 1/L0 of the von Karman spectrum that bends below the range; 0 where it does not bend
+    noise: float
+    bend: float
     slope: float
-    slope_uncertainty: float  # one standard deviation
+    slope_uncertainty: float
 
     def line(self, frequency: Array) -> Array:
-        """The -5/3 line, without the noise."""
+        """Returns the density of the -5/3 line, without the noise."""
         return np.asarray(ONE_SIDED_CYCLES * self.structure_constant * frequency ** (-5 / 3))
 
     def variance_of_noise(self, highest: float) -> float:
-        """Of the sensor, from the floor up to the highest frequency.
+        """Returns the variance of the sensor's noise: the floor's, up to the highest frequency.
 
-        Less what the signal itself folds down from beyond it.
+        What the signal itself folds down from beyond that frequency is subtracted.
         """
         folded = 1.5 * ONE_SIDED_CYCLES * self.structure_constant * math.pow(highest, -2 / 3)
         return float(max(0.0, self.noise * highest - folded))
 
 
 def binned(frequency: Array, density: Array) -> Binned:
-    """Averages periodogram values (n,) in bins, twelve to a decade and of eight values at least."""
+    """Averages periodogram values (n,) in bins of at least eight values, twelve to a decade."""
     order = np.argsort(frequency)
     frequency, density = frequency[order], density[order]
     decade = np.floor(np.log10(frequency / frequency[0]) * BINS_PER_DECADE)
@@ -103,11 +110,11 @@ def binned(frequency: Array, density: Array) -> Binned:
 
 
 def find(spectrum: Binned, place: str) -> Inertial:
-    """The widest range in which a density is a -5/3 line over a floor of noise, within its scatter, and what it gives.
+    """Returns the widest range in which a density is a -5/3 line over a floor, within its scatter.
 
-    Where the density bends below the line as an outer scale would have it, the range begins above the bend: so few values
-    lie there that the search is blind to it, and yet the fit would lose up to a seventh. Raises RecordError where there is
-    no such range; `place` begins its message.
+    If the density bends below the line, as below an outer scale, the range begins above the bend:
+    so few values lie there that the search is blind to it, and yet the fit would lose up to a
+    seventh. Raises RecordError if there is no such range; `place` begins the message.
     """
     widest, best = math.log(NARROWEST), None
     logs = np.log(spectrum.frequency)
@@ -120,8 +127,8 @@ def find(spectrum: Binned, place: str) -> Inertial:
                 widest, best = float(logs[last] - logs[first]), part
     if best is None:
         raise RecordError(
-            f"{place}: expected an inertial range, a spectral slope of -5/3 over at least a factor of {NARROWEST:g} of spatial "
-            "frequency; found none"
+            f"{place}: expected an inertial range, a spectral slope of -5/3 over at least a factor "
+            f"of {NARROWEST:g} of spatial frequency; found none"
         )
     low, high = float(best.frequency[0]), float(best.frequency[-1])
     bend = _bend(best)
@@ -132,7 +139,7 @@ def find(spectrum: Binned, place: str) -> Inertial:
 
 
 def within(spectrum: Binned, limits: tuple[float, float], bend: float = 0.0) -> Inertial:
-    """What a spectrum that bends at a spatial frequency gives in given limits."""
+    """Returns the fit to a spectrum in given limits, with a bend at a given spatial frequency."""
     part = spectrum.part(*limits)
     amplitude, floor = _line(_bent(part, bend))
     slope, uncertainty = _slope(part, amplitude, floor)
@@ -140,9 +147,9 @@ def within(spectrum: Binned, limits: tuple[float, float], bend: float = 0.0) -> 
 
 
 def _bend(part: Binned) -> float:
-    """1/L0 of the von Karman spectrum (xi^2 + 1/L0^2)^(-5/6) over a floor, of greatest likelihood.
+    """Returns 1/L0 of the most likely von Karman spectrum (xi^2 + 1/L0^2)^(-5/6) over a floor.
 
-    0 if no better than none.
+    Returns 0 if that is no better than a spectrum without a bend.
     """
     tried = np.geomspace(part.frequency[0] / 4, part.frequency[-1] / NARROWEST, OUTER_SCALES)
     likelihood = [_likelihood(_bent(part, float(bend))) for bend in tried]
@@ -154,19 +161,19 @@ def _bend(part: Binned) -> float:
 
 
 def _bent(part: Binned, bend: float) -> Binned:
-    """With the von Karman spectrum's power of frequency in the place of xi^(-5/3)."""
+    """Returns bins with the von Karman spectrum's power of frequency in place of xi^(-5/3)."""
     return replace(part, power=(part.frequency**2 + bend**2) ** (-5 / 6))
 
 
 def _likelihood(part: Binned) -> float:
-    """Logarithm of the likelihood of a periodogram about its best line and floor (Whittle 1953)."""
+    """Returns the log-likelihood of a periodogram about its best line and floor (Whittle 1953)."""
     amplitude, floor = _line(part)
     mean = amplitude * part.power + floor
     return -float(np.sum(part.count * (np.log(mean) + part.density / mean)))
 
 
 def _straight(part: Binned) -> bool:
-    """Whether some bins follow a -5/3 line over a floor that lies below the line."""
+    """Returns whether bins follow a -5/3 line over a floor that lies below the line."""
     amplitude, floor = _line(part)
     if not amplitude * part.power[-1] > floor:
         return False
@@ -180,9 +187,9 @@ def _straight(part: Binned) -> bool:
 
 
 def _line(part: Binned) -> tuple[float, float]:
-    """Amplitude of the xi^(-5/3) and floor, not negative, of greatest likelihood.
+    """Returns the most likely amplitude of xi^(-5/3) and the floor, neither of them negative.
 
-    By Fisher's scoring.
+    They are found by Fisher's scoring.
     """
     amplitude, floor = float(np.sum(part.count * part.density / part.power) / part.count.sum()), 0.0
     for _ in range(12):
@@ -201,7 +208,7 @@ def _line(part: Binned) -> tuple[float, float]:
 
 
 def _slope(part: Binned, amplitude: float, floor: float) -> tuple[float, float]:
-    """The free slope over a given floor, of greatest likelihood, and its standard deviation."""
+    """Returns the most likely free slope over a given floor, and its standard deviation."""
     log = np.log(part.frequency)
     log -= np.average(log, weights=part.count)
     level, slope = math.log(amplitude) + float(np.mean(np.log(part.power))), -5 / 3
@@ -229,12 +236,12 @@ def _slope(part: Binned, amplitude: float, floor: float) -> tuple[float, float]:
 def structure_fit(
     separation: Array, structure: Array, found: Inertial, highest: float
 ) -> tuple[float, tuple[float, float]]:
-    """C^2, and the limits in m of the widest range in which D(r) = C^2 r^(2/3) (1 - bend) + noise.
+    """Returns C^2 and the widest range, in m, in which D(r) = C^2 r^(2/3) (1 - bend) + noise.
 
-    Of separations (n,) in m, none below the inverse of the spectrum's `found` range's end, and the
-    structure function (n,) there. Twice the variance of the noise, up to the `highest` spatial
-    frequency, and the outer scale are the spectrum's: in a structure function one passes for the
-    other.
+    `structure` (n,) is the structure function at `separation` (n,) in m; separations shorter than
+    the spectrum's `found` range resolves are left out. The outer scale and the noise (twice its
+    variance, up to the `highest` spatial frequency) are the spectrum's, since in a structure
+    function one passes for the other.
     """
     turn = 2 * np.pi * separation * found.bend
     usable = separation >= 1 / found.limits[1]

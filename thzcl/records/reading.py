@@ -1,7 +1,4 @@
-"""Records as files: Campbell TOA5, plain CSV with a header.
-
-And the data part of LI-COR's GHG archives.
-"""
+"""Reads records: Campbell's TOA5, plain CSV with a header, and LI-COR's GHG archives."""
 
 from __future__ import annotations
 
@@ -19,7 +16,8 @@ from typing import TextIO
 import numpy as np
 from numpy.typing import NDArray
 
-from thzcl.records.columns import Column, RecordError, find
+from thzcl.errors import RecordError
+from thzcl.records.columns import Column, find
 
 Array = NDArray[np.float64]
 
@@ -31,10 +29,7 @@ NO_VALUE = -9998.0  # loggers write -9999 for what they could not measure
 
 @dataclass(frozen=True)
 class Layout:
-    """How a file is laid out: names and units of its columns, the delimiter.
-
-    And the line of its first row of data.
-    """
+    """How a file is laid out: its columns, its delimiter, and the lines of header and first row."""
 
     path: Path
     station: str
@@ -47,9 +42,9 @@ class Layout:
 
 @dataclass(frozen=True)
 class Rows:
-    """What a file holds, row by row: seconds (n,), and by role values in g/m3, m/s.
+    """The rows of a file: seconds (n,), and by role values (n,) in g/m3, m/s, K and hPa.
 
-    K and hPa (n,), NaN where missing.
+    Values are NaN where they are missing.
     """
 
     layout: Layout
@@ -60,9 +55,9 @@ class Rows:
 
 
 def read(path: Path, chosen: str = "") -> Rows:
-    """The rows of a file; `chosen` names columns, as in columns.find.
+    """Returns the rows of a file; `chosen` names columns, as in columns.find.
 
-    Raises RecordError, naming file, line and column, for what is not such a file.
+    Raises RecordError, which names file, line and column, if the file holds no record.
     """
     try:
         with _opened(path) as stream:
@@ -77,9 +72,9 @@ def read(path: Path, chosen: str = "") -> Rows:
 
 @contextmanager
 def _opened(path: Path) -> Iterator[TextIO]:
-    """The text of a file, or of the data part of an archive.
+    """Opens the text of a file, or of the data part of an archive.
 
-    Raises RecordError for what holds no text.
+    Raises RecordError if the file holds no text.
     """
     expected = "expected Campbell TOA5, CSV with a header, or a LI-COR GHG archive"
     with path.open("rb") as file:
@@ -98,6 +93,7 @@ def _opened(path: Path) -> Iterator[TextIO]:
 
 @contextmanager
 def _archived(path: Path, expected: str) -> Iterator[TextIO]:
+    """Opens the data part of an archive. Raises RecordError if there is none."""
     try:
         with zipfile.ZipFile(path) as archive:
             parts = [
@@ -115,7 +111,7 @@ def _archived(path: Path, expected: str) -> Iterator[TextIO]:
 
 
 def _layout(path: Path, stream: TextIO) -> tuple[Layout, str]:
-    """The layout of a file, and a line of data where one was read to find out."""
+    """Returns the layout of a file, and the line of data that had to be read, or no text."""
     line, number = stream.readline(), 1
     if line.lstrip('"').startswith("TOA5"):
         return _campbell(path, line, stream), ""
@@ -127,7 +123,8 @@ def _layout(path: Path, stream: TextIO) -> tuple[Layout, str]:
     _check_commas(path, number, names)
     if not any(re.search("[A-Za-z]{1,}", name) for name in names) or _is_data(names):
         raise RecordError(
-            f"{path}:{number}: column 1: expected a header with the names of the columns; found data"
+            f"{path}:{number}: column 1: expected a header with the names of the columns; "
+            "found data"
         )
     following = stream.readline()
     cells = next(csv.reader([following]), [])
@@ -141,27 +138,30 @@ def _layout(path: Path, stream: TextIO) -> tuple[Layout, str]:
 
 
 def _check_commas(path: Path, number: int, names: Sequence[str]) -> None:
-    """Raises RecordError for a line of names that is not split by commas."""
+    """Raises RecordError if a line of names is not split by commas."""
     if len(names) < 3:
         others = {";": "semicolons", "\t": "tabs", "|": "bars"}
         found = next((name for mark, name in others.items() if mark in "".join(names)), "no commas")
         raise RecordError(
-            f"{path}:{number}: column 1: expected names of columns with commas between them; found {found}"
+            f"{path}:{number}: column 1: expected names of columns with commas between them; "
+            f"found {found}"
         )
 
 
 def _is_data(cells: Sequence[str]) -> bool:
-    """Whether most cells are numbers."""
+    """Returns whether most cells are numbers."""
     return sum(_number(cell) is not None for cell in cells[1:]) > len(cells[1:]) / 2
 
 
 def _are_units(cells: Sequence[str]) -> bool:
+    """Returns whether no cell is a number or stands for a missing one."""
     return not any(
         re.match(r"\s*[-+.]?\d", cell) or cell.strip().lower() in ("nan", "na") for cell in cells
     )
 
 
 def _campbell(path: Path, first: str, stream: TextIO) -> Layout:
+    """Returns the layout of a TOA5 file, of which the first line is read."""
     station = " ".join(next(csv.reader([first]))[1:4:2])  # its name and its logger's serial number
     names, units, _ = (next(csv.reader([stream.readline()]), []) for _ in range(3))
     _check_commas(path, 2, names)
@@ -169,6 +169,7 @@ def _campbell(path: Path, first: str, stream: TextIO) -> Layout:
 
 
 def _licor(path: Path, line: str, stream: TextIO) -> Layout:
+    """Returns the layout of a LI-COR data file, of which the first line is read."""
     station = ""
     for number in range(1, LICOR_HEADER_LINES):
         if line.startswith("DATAH"):
@@ -180,22 +181,24 @@ def _licor(path: Path, line: str, stream: TextIO) -> Layout:
             station += line.partition("\t")[2].strip()
         line = stream.readline()
     raise RecordError(
-        f"{path}:{LICOR_HEADER_LINES}: column 1: expected a line of column names beginning with DATAH"
+        f"{path}:{LICOR_HEADER_LINES}: column 1: expected a line of column names beginning with "
+        "DATAH"
     )
 
 
 def _whole(layout: Layout) -> Layout:
+    """Returns the layout itself. Raises RecordError if its names and units are not as many."""
     if not layout.names or len(layout.units) != len(layout.names):
         text = (
             f"{len(layout.names)} names of columns and {len(layout.units)} units; expected as many"
         )
-        raise RecordError(
-            f"{layout.path}:{layout.header_line + 1}: column {len(layout.names)}: {text}; is the file cut short?"
-        )
+        place = f"{layout.path}:{layout.header_line + 1}: column {len(layout.names)}"
+        raise RecordError(f"{place}: {text}; is the file cut short?")
     return layout
 
 
 def _rows(layout: Layout, columns: dict[str, Column], lines: Iterator[str]) -> Rows:
+    """Returns the rows of a file, read in chunks. Raises RecordError if there are none."""
     parts: dict[str, list[Array]] = {role: [] for role in columns}
     dated, line = False, layout.first_line
     while chunk := list(islice(lines, LINES_AT_ONCE)):
@@ -227,9 +230,9 @@ def _rows(layout: Layout, columns: dict[str, Column], lines: Iterator[str]) -> R
 def _cells(
     layout: Layout, columns: dict[str, Column], chunk: list[str], line: int
 ) -> dict[str, tuple[Sequence[str] | None, Array | None]]:
-    """By role the cells of some lines.
+    """Returns by role the cells of some lines, or instead their numbers.
 
-    Or their numbers where all columns but time's hold nothing else.
+    Numbers are returned if all columns but that of time hold nothing else, which is fast.
     """
     if not chunk:
         return {}
@@ -258,7 +261,7 @@ def _cells(
 
 
 def _transposed(layout: Layout, chunk: list[list[str]], line: int) -> list[tuple[str, ...]]:
-    """The cells by column. Raises RecordError naming a row of another length than the header."""
+    """Returns the cells by column. Raises RecordError if a row is not as long as the header."""
     wanted = len(layout.names)
     if set(map(len, chunk)) != {wanted}:
         at, row = next((at, row) for at, row in enumerate(chunk) if len(row) != wanted)
@@ -273,7 +276,7 @@ def _transposed(layout: Layout, chunk: list[list[str]], line: int) -> list[tuple
 
 
 def _numbers(layout: Layout, column: Column, cells: Sequence[str], line: int) -> Array:
-    """Cells as numbers, NaN where they say that they hold none.
+    """Returns cells as numbers, NaN where they say that they hold none.
 
     Raises RecordError for any other text.
     """
@@ -290,11 +293,12 @@ def _numbers(layout: Layout, column: Column, cells: Sequence[str], line: int) ->
 
 
 def _present(values: Array) -> Array:
-    """Numbers, NaN where a logger says that there is none."""
+    """Returns numbers, NaN where a logger says that there is none."""
     return np.where(np.isfinite(values) & (values > NO_VALUE), values, np.nan)
 
 
 def _number(cell: str) -> float | None:
+    """Returns a cell as a number, or None."""
     try:
         return float(cell)
     except ValueError:
@@ -302,7 +306,7 @@ def _number(cell: str) -> float | None:
 
 
 def _dates(layout: Layout, column: Column, cells: Sequence[str], line: int) -> Array:
-    """Time stamps as seconds from 1970. Raises RecordError for what is none."""
+    """Returns time stamps as seconds from 1970. Raises RecordError for a cell that is none."""
     try:
         stamps = np.array([cell.rstrip("Z") for cell in cells], dtype="datetime64[us]")
         wrong = np.flatnonzero(np.isnat(stamps))
@@ -311,11 +315,14 @@ def _dates(layout: Layout, column: Column, cells: Sequence[str], line: int) -> A
         at = int(wrong[0])
     except ValueError:
         at = next((at for at, cell in enumerate(cells) if not _is_date(cell)), 0)
-    text = f'"{cells[at][:40]}" is not a time stamp; expected seconds, or one like 2012-06-07 12:45:00.05'
-    raise RecordError(f"{layout.path}:{line + at}: column {column.name}: {text}") from None
+    text = f'"{cells[at][:40]}" is not a time stamp; expected seconds, or one like'
+    raise RecordError(
+        f"{layout.path}:{line + at}: column {column.name}: {text} 2012-06-07 12:45:00.05"
+    ) from None
 
 
 def _is_date(cell: str) -> bool:
+    """Returns whether a cell is a date with a time."""
     try:
         return not np.isnat(np.datetime64(cell.rstrip("Z"), "us"))
     except ValueError:

@@ -1,6 +1,6 @@
-"""From rows to a record: even steps of time, several files joined, gaps.
+"""From rows to a record: files are joined and rows set in even steps of time.
 
-Repeats and spikes found and counted.
+Gaps, repeated stamps and spikes are found and counted.
 """
 
 from __future__ import annotations
@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from thzcl.air.humidity import GAS_CONSTANT_OF_VAPOUR
-from thzcl.records.columns import KELVIN, RecordError
+from thzcl.errors import RecordError
+from thzcl.records.columns import KELVIN
 from thzcl.records.reading import Rows, read
 
 Array = NDArray[np.float64]
@@ -35,10 +36,11 @@ SONIC_HUMIDITY = 0.32  # sonic temperature is T (1 + 0.32 e/p): Kaimal and Gayno
 
 @dataclass(frozen=True)
 class Record:
-    """A hygrometer's record in even steps of time, NaN where nothing (or a spike) was measured; all arrays are (n,).
+    """A hygrometer's record in even steps of time, NaN where nothing or a spike was measured.
 
-    `humidity` in g/m3; `wind` (component, n) in m/s, one component where only a speed was measured; `temperature` in K,
-    corrected for humidity, or None; mean `pressure_hpa`, or None. The counts tell what was found in the files.
+    `humidity` (n,) is in g/m3; `wind` (component, n) in m/s, with one component where only a speed
+    was measured; `temperature` (n,) in K, corrected for humidity, or None; `pressure_hpa` is its
+    mean, or None. The counts are of what was found in the files.
     """
 
     files: tuple[str, ...]
@@ -58,12 +60,12 @@ class Record:
 
     @property
     def samples(self) -> int:
-        """Steps of time from the first sample to the last."""
+        """Returns the number of samples, missing ones included."""
         return len(self.humidity)
 
     @property
     def wind_speed_m_s(self) -> float:
-        """Magnitude of the mean wind vector; of the mean speed, where only that was measured."""
+        """Returns the magnitude of the mean wind vector, or the mean of a speed."""
         return float(np.linalg.norm(np.nanmean(self.wind, axis=1)))
 
 
@@ -78,7 +80,7 @@ class _Joined:
     out_of_order: int
 
     def place(self, at: int) -> str:
-        """File, line and column of a time stamp."""
+        """Returns file, line and column of a time stamp, for messages."""
         row = int(self.row[at])
         for part in self.parts:
             if row < len(part.time_s):
@@ -90,9 +92,10 @@ class _Joined:
 
 
 def load(paths: Sequence[Path], columns: str = "") -> Record:
-    """The record in one file or several contiguous ones of one station; `columns` as in columns.find.
+    """Returns the record in one file, or in several contiguous files of one station.
 
-    Raises RecordError for files that hold none, with file, line, column and what was expected.
+    `columns` is as in columns.find. Raises RecordError if the files hold no record; the message
+    says file, line, column and what was expected.
     """
     joined = _join([read(path, columns) for path in paths])
     rate_hz, index = _clock(joined)
@@ -131,37 +134,42 @@ def load(paths: Sequence[Path], columns: str = "") -> Record:
     )
     if not record.wind_speed_m_s >= SLOWEST_M_S:
         names = ", ".join(first.columns[role].name for role in components)
-        text = f"column {names}: mean wind of {record.wind_speed_m_s:.3g} m/s; expected at least {SLOWEST_M_S:g} m/s"
         raise RecordError(
-            f"{first.layout.path}:{first.layout.first_line}: {text}, for time to become distance"
+            f"{first.layout.path}:{first.layout.first_line}: column {names}: mean wind of "
+            f"{record.wind_speed_m_s:.3g} m/s; expected at least {SLOWEST_M_S:g} m/s, "
+            "for time to become distance"
         )
     return record
 
 
 def _notes(rows: Rows) -> Iterator[str]:
-    """What was taken for granted."""
+    """Yields what was taken for granted."""
     for role, column in rows.columns.items():
         if column.assumed not in ("", "?") and role not in ("time", "nanoseconds"):
             yield f"column {column.name} names no unit: taken as {column.assumed}"
     if "Ux" not in rows.values:
-        yield "wind is a speed without direction: its mean exceeds the mean vector, and so does the wind run"
+        yield (
+            "wind is a speed without direction: its mean exceeds the mean vector, "
+            "and so does the wind run"
+        )
     if "Ts" in rows.values and "pressure" not in rows.values:
         yield "no pressure: 1013.25 hPa taken to correct sonic temperature for humidity"
 
 
 def true_temperature(sonic_k: Array, humidity_g_m3: Array, pressure_hpa: float) -> Array:
-    """Air temperature in K of sonic temperature Ts = T (1 + 0.32 e/p), e = rho R T.
+    """Returns air temperature in K for a sonic temperature, humidity in g/m3 and pressure.
 
-    Solved for T without cancellation.
+    Kaimal and Gaynor (1991): Ts = T (1 + 0.32 e/p), with e = rho R T; the quadratic equation is
+    solved for T without cancellation.
     """
     a = SONIC_HUMIDITY * humidity_g_m3 * GAS_CONSTANT_OF_VAPOUR / 1e5 / pressure_hpa
     return np.asarray(2 * sonic_k / (1 + np.sqrt(1 + 4 * a * sonic_k)))
 
 
 def _join(parts: Sequence[Rows]) -> _Joined:
-    """The rows of all files in order of time, each stamp once.
+    """Returns the rows of all files in order of time, each stamp once.
 
-    Raises RecordError where they do not belong together.
+    Raises RecordError if the files do not belong together.
     """
     parts = sorted(parts, key=lambda part: float(part.time_s[0]))
     for part in parts:
@@ -172,13 +180,16 @@ def _join(parts: Sequence[Rows]) -> _Joined:
             before.layout.station != after.layout.station
             or before.values.keys() != after.values.keys()
         ):
-            text = f"of another station, or with other columns, than {before.layout.path}; analyse them apart"
-            raise RecordError(f"{place}: column {after.columns['time'].name}: {text}")
-        between = float(after.time_s[0] - before.time_s.max())
-        if between > JOIN_S:
-            text = f"begins {between:.6g} s after {before.layout.path} ends; expected at most {JOIN_S:g} s between files"
+            text = f"of another station, or with other columns, than {before.layout.path}"
             raise RecordError(
                 f"{place}: column {after.columns['time'].name}: {text}; analyse them apart"
+            )
+        between = float(after.time_s[0] - before.time_s.max())
+        if between > JOIN_S:
+            text = f"begins {between:.6g} s after {before.layout.path} ends; expected at most"
+            raise RecordError(
+                f"{place}: column {after.columns['time'].name}: {text} {JOIN_S:g} s between files; "
+                "analyse them apart"
             )
     time_s = np.concatenate([part.time_s for part in parts])
     out_of_order = sum(int((np.diff(part.time_s) < 0).sum()) for part in parts)
@@ -187,17 +198,20 @@ def _join(parts: Sequence[Rows]) -> _Joined:
     fresh = np.concatenate([[True], np.diff(time_s) > 0])
     if fresh.sum() < (1 - MOST_MISSING) * len(fresh) and len(parts) == 1:
         at = int(row[np.argmin(fresh)])
-        text = f"{(~fresh).sum()} time stamps repeat those before; expected stamps as fine as the samples"
-        raise RecordError(f"{_stamp(parts[0], at)}: {text}")
+        raise RecordError(
+            f"{_stamp(parts[0], at)}: {(~fresh).sum()} time stamps repeat those before; "
+            "expected stamps as fine as the samples"
+        )
     return _Joined(parts, time_s[fresh], row[fresh], int((~fresh).sum()), out_of_order)
 
 
 def _stamp(part: Rows, at: int) -> str:
+    """Returns file, line and column of a row's time stamp, for messages."""
     return f"{part.layout.path}:{part.layout.first_line + at}: column {part.columns['time'].name}"
 
 
 def _check_stamps(part: Rows) -> None:
-    """Raises RecordError for a file whose stamps are missing or go backwards throughout."""
+    """Raises RecordError if stamps of a file are missing, or often go backwards."""
     missing = np.flatnonzero(np.isnan(part.time_s))
     if missing.size:
         raise RecordError(
@@ -205,14 +219,16 @@ def _check_stamps(part: Rows) -> None:
         )
     backwards = np.flatnonzero(np.diff(part.time_s) < 0)
     if backwards.size > max(MOST_DISORDER * len(part.time_s), 1):
-        text = f"time goes backwards here and in {backwards.size - 1} other rows; expected ascending time stamps"
-        raise RecordError(f"{_stamp(part, int(backwards[0]) + 1)}: {text}")
+        raise RecordError(
+            f"{_stamp(part, int(backwards[0]) + 1)}: time goes backwards here and in "
+            f"{backwards.size - 1} other rows; expected ascending time stamps"
+        )
 
 
 def _clock(joined: _Joined) -> tuple[float, NDArray[np.int64]]:
-    """Samples a second, and each row's step of time.
+    """Returns samples a second, and the number of the time step of each row.
 
-    Raises RecordError where there is no one rate.
+    Raises RecordError if there are too few samples, or not one rate throughout.
     """
     steps = np.diff(joined.time_s)
     first = joined.parts[0]
@@ -230,8 +246,10 @@ def _clock(joined: _Joined) -> tuple[float, NDArray[np.int64]]:
                     ~((steps[start:stop] > 0.8 * typical) & (steps[start:stop] < 1.25 * typical))
                 )
             )
-            text = f"steps of {own:.6g} s from here on, {typical:.6g} s elsewhere; expected one rate throughout"
-            raise RecordError(f"{joined.place(wrong + 1)}: {text}")
+            raise RecordError(
+                f"{joined.place(wrong + 1)}: steps of {own:.6g} s from here on, "
+                f"{typical:.6g} s elsewhere; expected one rate throughout"
+            )
     counts = np.rint(steps / typical)
     step = float(steps.sum() / max(counts.sum(), 1))  # stamps may be rounded
     uneven = np.abs(steps / step - counts) > 0.4
@@ -241,15 +259,16 @@ def _clock(joined: _Joined) -> tuple[float, NDArray[np.int64]]:
     place = np.rint((joined.time_s - joined.time_s[0]) / step).astype(np.int64)
     if place[-1] + 1 > len(place) / (1 - MOST_MISSING):
         at = int(np.argmax(steps))
-        text = f"{place[-1] + 1 - len(place)} of {place[-1] + 1} samples are missing, {steps[at]:.6g} s of them before here"
         raise RecordError(
-            f"{joined.place(at + 1)}: {text}; expected {100 * (1 - MOST_MISSING):g} % of them"
+            f"{joined.place(at + 1)}: {place[-1] + 1 - len(place)} of {place[-1] + 1} samples are "
+            f"missing, {steps[at]:.6g} s of them before here; "
+            f"expected {100 * (1 - MOST_MISSING):g} % of them"
         )
     return round(1 / step, 6), place[np.diff(place, prepend=-1) > 0]
 
 
 def _even(joined: _Joined, role: str, index: NDArray[np.int64]) -> Array:
-    """A column in even steps of time, NaN where there is no row."""
+    """Returns a column in even steps of time, NaN where there is no row."""
     values = np.concatenate([part.values[role] for part in joined.parts])[joined.row]
     even = np.full(int(index[-1]) + 1, np.nan)
     step = (joined.time_s[-1] - joined.time_s[0]) / index[-1]
@@ -260,9 +279,9 @@ def _even(joined: _Joined, role: str, index: NDArray[np.int64]) -> Array:
 
 
 def _in_kelvin_or_hectopascals(role: str, values: Array) -> Array:
-    """Values without a unit, of which the size leaves no doubt: degrees or kelvin; Pa.
+    """Returns values of a column without a unit in K or hPa.
 
-    HPa or kPa.
+    Their size leaves no doubt whether they are degrees or kelvin, or Pa, hPa or kPa.
     """
     typical = float(np.nanmedian(values)) if np.isfinite(values).any() else 0.0
     if role == "Ts":
@@ -271,35 +290,37 @@ def _in_kelvin_or_hectopascals(role: str, values: Array) -> Array:
 
 
 def _check(rows: Rows, values: dict[str, Array], rate_hz: float) -> None:
-    """Raises RecordError for columns from which nothing can be learnt."""
+    """Raises RecordError if a column has too many gaps, is constant, or cannot be of air."""
     for role, found in values.items():
         name = rows.columns[role].name
         place = f"{rows.layout.path}:{rows.layout.first_line}: column {name}"
         missing = float(np.isnan(found).mean())
         if missing > MOST_MISSING:
             raise RecordError(
-                f"{place}: {100 * missing:.3g} % of its values are missing; expected {MOST_MISSING:.0%} at most"
+                f"{place}: {100 * missing:.3g} % of its values are missing; "
+                f"expected {MOST_MISSING:.0%} at most"
             )
         if role in ("h2o", "Ts") and np.nanmax(found) - np.nanmin(found) < 1e-9 * np.nanmax(
             np.abs(found), initial=1.0
         ):
             text = f"holds {np.nanmean(found):.6g} throughout; expected a signal that fluctuates"
             raise RecordError(f"{place}: {text}")
+    first = f"{rows.layout.path}:{rows.layout.first_line}: column"
     mean = float(np.nanmean(values["h2o"]))
     if not 0 < mean < WETTEST_G_M3:
-        text = f"a mean of {mean:.4g} g/m3 at {rate_hz:g} Hz; expected between 0 and {WETTEST_G_M3:g} g/m3: is its unit right?"
         raise RecordError(
-            f"{rows.layout.path}:{rows.layout.first_line}: column {rows.columns['h2o'].name}: {text}"
+            f"{first} {rows.columns['h2o'].name}: a mean of {mean:.4g} g/m3 at {rate_hz:g} Hz; "
+            f"expected between 0 and {WETTEST_G_M3:g} g/m3: is its unit right?"
         )
-    if "Ts" in values and not 150 < float(np.nanmean(values["Ts"])) < 400:
-        text = f"a mean of {float(np.nanmean(values['Ts'])):.4g} K; expected that of air: is its unit right?"
+    if "Ts" in values and not 150 < (kelvin := float(np.nanmean(values["Ts"]))) < 400:
         raise RecordError(
-            f"{rows.layout.path}:{rows.layout.first_line}: column {rows.columns['Ts'].name}: {text}"
+            f"{first} {rows.columns['Ts'].name}: a mean of {kelvin:.4g} K; "
+            "expected that of air: is its unit right?"
         )
 
 
 def _remove_spikes(values: Array) -> int:
-    """Sets spikes to NaN, in place, and counts them."""
+    """Sets spikes to NaN, in place, and returns how many there were."""
     present = np.flatnonzero(np.isfinite(values))
     found = values[present]
     typical = float(np.median(np.abs(np.diff(found)))) / 0.6745 / np.sqrt(2)
@@ -313,6 +334,7 @@ def _remove_spikes(values: Array) -> int:
 
 
 def _running_median(values: Array, window: int) -> Array:
+    """Returns the median of each sample's `window` neighbours, itself included."""
     half = window // 2
     padded = np.pad(values, half, mode="reflect")
     shifted = [padded[start : start + len(values)] for start in range(window)]

@@ -1,7 +1,4 @@
-"""A scene in the air of a record: the small scene that `thzcl new` writes.
-
-Its air replaced by what was measured.
-"""
+"""A scene in the air of a record: the small scene that `thzcl new` writes, in measured air."""
 
 from __future__ import annotations
 
@@ -12,11 +9,11 @@ from pathlib import Path
 
 import numpy as np
 
+from thzcl.errors import RecordError
 from thzcl.files import write_whole
 from thzcl.records.analysis import Analysis
-from thzcl.records.columns import RecordError
 from thzcl.records.record import Record
-from thzcl.scenario import SHIPPED
+from thzcl.scenario.source import SHIPPED
 
 MODEL, MODEL_K = "quick", 290.0  # the scene, and its air's temperature
 STANDARD_K, STANDARD_HPA = 288.15, 1013.25  # where the record has no temperature or no pressure
@@ -24,9 +21,9 @@ GRID, VOXEL_M = 128, 0.5
 
 
 def write(analysis: Analysis, path: Path) -> list[Path]:
-    """Writes a scene, and the spectrum beside it as NAME-spectrum.csv.
+    """Writes a scene, and the spectrum beside it as NAME-spectrum.csv; returns both paths.
 
-    Raises RecordError for a file that exists.
+    Raises RecordError if one of the files exists.
     """
     table = path.with_name(f"{path.stem}-spectrum.csv")
     for file in (path, table):
@@ -39,21 +36,24 @@ def write(analysis: Analysis, path: Path) -> list[Path]:
 
 
 def spectrum_csv(analysis: Analysis) -> str:
-    """The spectrum in bins, up to the inertial range's end: spatial frequency and density.
+    """Returns the spectrum in bins as CSV, spatial frequency and density.
 
-    As `spectrum = "table"` reads it.
+    It ends where the inertial range does; `spectrum = "table"` reads it.
     """
     spectrum = analysis.spectrum.part(0.0, analysis.inertial.limits[1])
     rows = [
         f"{xi:.6g},{density:.6g}"
         for xi, density in zip(spectrum.frequency, spectrum.density, strict=True)
     ]
-    head = "# One-sided power spectrum of absolute humidity along the wind, averaged in bins up to the inertial range's end."
+    head = (
+        "# One-sided power spectrum of absolute humidity along the wind, averaged in bins "
+        "up to the inertial range's end."
+    )
     return "\n".join([head, "spatial_frequency_cycles_per_m,density_g2_per_m5", *rows, ""])
 
 
 def scene(analysis: Analysis, table: str) -> str:
-    """TOML text of a scene ready to run; `table` is the name of the spectrum's file."""
+    """Returns the TOML of a scene ready to run; `table` is the name of the spectrum's file."""
     text = (SHIPPED / f"{MODEL}.toml").read_text(encoding="utf-8")
     camera, ground = text.index("[camera]"), text.index("[ground]")
     air = text.index("[atmosphere]")
@@ -71,7 +71,7 @@ def scene(analysis: Analysis, table: str) -> str:
 
 
 def _warmed(text: str, by_k: float) -> str:
-    """With what stands in the air as much warmer or colder than it as before."""
+    """Returns a scene's TOML with every temperature changed by as much as the air's."""
     lines = []
     for line in text.splitlines():
         name, equals, value = line.partition("temperature_k = ")
@@ -80,9 +80,11 @@ def _warmed(text: str, by_k: float) -> str:
 
 
 def _provenance(analysis: Analysis) -> Iterator[str]:
+    """Yields comments that say where the air comes from, and its statistics."""
     record, found = analysis.record, analysis.as_json()
     names = ", ".join(Path(name).name for name in record.files)
-    yield f"# A warm box 30 m away, in air as measured: written by `thzcl fluctuations {names.replace(',', '')} --scene`."
+    command = f"thzcl fluctuations {names.replace(',', '')} --scene"
+    yield f"# A warm box 30 m away, in air as measured: written by `{command}`."
     begin = (
         f"from {datetime.fromtimestamp(record.start, UTC):%Y-%m-%d %H:%M:%S}, "
         if record.dated
@@ -90,29 +92,36 @@ def _provenance(analysis: Analysis) -> Iterator[str]:
     )
     station = f" of station {record.station}" if record.station else ""
     yield f"# Record {names}{station}:"
-    yield f"# {begin}{found['duration_s']:g} s at {record.rate_hz:g} Hz, {found['gaps']} gaps, {found['spikes']} spikes;"
+    flaws = f"{found['gaps']} gaps, {found['spikes']} spikes"
+    yield f"# {begin}{found['duration_s']:g} s at {record.rate_hz:g} Hz, {flaws};"
     low, high = analysis.inertial.limits
     slope = f"{analysis.inertial.slope:.3f} +- {analysis.inertial.slope_uncertainty:.3f}"
-    yield f"# spectral slope {slope} from {low:.3g} to {high:.3g} cycles/m; sigma {found['sigma_percent']:.3g} % of the mean;"
-    yield f"# C_q^2 by the structure function {analysis.structure_constant:.4g} ({found['agreement_percent']:+.1f} %);"
+    sigma = f"sigma {found['sigma_percent']:.3g} % of the mean"
+    yield f"# spectral slope {slope} from {low:.3g} to {high:.3g} cycles/m; {sigma};"
+    constant = f"{analysis.structure_constant:.4g} ({found['agreement_percent']:+.1f} %)"
+    yield f"# C_q^2 by the structure function {constant};"
     yield f"# integral scale {analysis.integral_scale_m:.3g} m."
     yield from (f"# Note: {note}." for note in found["notes"])
 
 
 def _kelvin(record: Record) -> float:
+    """Returns the air's mean temperature in K, or the standard's where it was not measured."""
     return STANDARD_K if record.temperature is None else float(np.nanmean(record.temperature))
 
 
 def _atmosphere(analysis: Analysis) -> Iterator[str]:
+    """Yields the table [atmosphere]."""
     record = analysis.record
     unknown = "  # not in the record"
     yield "[atmosphere]"
     yield f"temperature_k = {_kelvin(record):.2f}{unknown if record.temperature is None else ''}"
-    yield f"pressure_hpa = {record.pressure_hpa or STANDARD_HPA:.1f}{'' if record.pressure_hpa else unknown}"
+    pressure_hpa = record.pressure_hpa or STANDARD_HPA
+    yield f"pressure_hpa = {pressure_hpa:.1f}{'' if record.pressure_hpa else unknown}"
     yield f"absolute_humidity_g_m3 = {float(np.nanmean(record.humidity)):.4g}"
 
 
 def _turbulence(analysis: Analysis, table: str) -> Iterator[str]:
+    """Yields the table [atmosphere.fluctuations]; `table` is the name of the spectrum's file."""
     yield "[atmosphere.fluctuations]"
     yield 'spectrum = "von-karman"'
     yield f"outer_scale_m = {analysis.outer_scale_m:.4g}"
@@ -120,10 +129,14 @@ def _turbulence(analysis: Analysis, table: str) -> Iterator[str]:
     if analysis.temperature is not None and analysis.correlation is not None:
         yield f"structure_constant_t = {analysis.temperature.structure_constant:.4g}"
         yield f"correlation_tq = {analysis.correlation:.3f}"
-    yield f"wind_m_s = [0, {analysis.record.wind_speed_m_s:.4g}, 0]  # its speed as measured, across the line of sight"
+    wind = f"wind_m_s = [0, {analysis.record.wind_speed_m_s:.4g}, 0]"
+    yield f"{wind}  # its speed as measured, across the line of sight"
     yield f"voxel_m = {VOXEL_M:g}"
     yield f"grid = {GRID}"
     yield "seed = 1"
-    yield "# The measured spectrum as it is, instead of a power law: put these two lines in the place of the first three."
+    yield (
+        "# The measured spectrum as it is, instead of a power law: "
+        "put these two lines in the place of the first three."
+    )
     yield '# spectrum = "table"'
     yield f'# file = "{table}"'

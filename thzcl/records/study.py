@@ -14,9 +14,9 @@ from thzcl.records import analysis, record
 def study_virtual(
     source: str | Path, output: Path | None = None, scene: Path | None = None
 ) -> dict[str, Any]:
-    """The same of a virtual hygrometer's record, of a scenario; kept in `output`.
+    """Returns the statistics of a virtual hygrometer's record in a scenario's air, as `study` does.
 
-    If that is given.
+    The record is kept in the folder `output`, if that is given.
     """
     from thzcl.records import virtual
 
@@ -33,10 +33,10 @@ def study_virtual(
 def study(
     paths: Sequence[Path], columns: str = "", output: Path | None = None, scene: Path | None = None
 ) -> dict[str, Any]:
-    """The statistics of one record in one file or several, as printed, with the files written.
+    """Returns the statistics of a record in one file or several, and the files that were written.
 
-    `columns` as in columns.find; `output` is the folder for figures, `scene` the TOML file to
-    write. Raises RecordError for files that hold no usable record, OSError where nothing can be
+    `columns` is as in columns.find; `output` is the folder for figures, `scene` the TOML file to
+    write. Raises RecordError if the files hold no usable record, OSError if a file cannot be
     written.
     """
     found = analysis.analyse(record.load(paths, columns))

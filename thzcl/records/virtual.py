@@ -1,7 +1,4 @@
-"""A virtual hygrometer: a transect through a scene's cube, written as a record.
-
-For the same analysis to read back.
-"""
+"""A virtual hygrometer: a transect through a scene's cube, written as a record to analyse."""
 
 from __future__ import annotations
 
@@ -15,10 +12,11 @@ from numpy.typing import NDArray
 from thzcl import pipeline
 from thzcl.air import humidity
 from thzcl.clock import Clock
-from thzcl.device.opencl import open_device
+from thzcl.device.choose import open_device
+from thzcl.errors import RecordError
 from thzcl.files import write_whole
 from thzcl.plan import compute
-from thzcl.records.columns import KELVIN, RecordError
+from thzcl.records.columns import KELVIN
 from thzcl.records.record import SONIC_HUMIDITY
 
 Array = NDArray[np.float64]
@@ -32,16 +30,18 @@ PASSES = 128  # at most, through the cube
 
 
 def write(source: str | Path, folder: Path) -> Path:
-    """Writes NAME-virtual.csv, the record of a hygrometer in the air of a scenario's first image; gives back its path.
+    """Writes NAME-virtual.csv, a hygrometer's record in the air of a scenario's first image.
 
-    The record has time_s, h2o_g_m3, Ux_m_s and Uy_m_s, and where temperature fluctuates Ts_C and press_hPa. Raises
-    RecordError where that air does not fluctuate, ScenarioError, DeviceError and OSError.
+    The record has time_s, h2o_g_m3, Ux_m_s and Uy_m_s, and Ts_C and press_hPa if temperature
+    fluctuates. Returns its path. Raises RecordError if the air does not fluctuate, and
+    ScenarioError, DeviceError and OSError.
     """
     variant = pipeline.prepare(source).variants[0]
     cube = compute.make_field(open_device(), variant, Clock(None))
     if cube is None:
         raise RecordError(
-            f"{source}: its air does not fluctuate; expected [atmosphere.fluctuations] and an absorbing model"
+            f"{source}: its air does not fluctuate; expected [atmosphere.fluctuations] and "
+            "an absorbing model"
         )
     air = variant.scene.atmosphere.air
     speed = float(np.linalg.norm(variant.wind_m_s)) or CALM_M_S
@@ -70,23 +70,24 @@ def write(source: str | Path, folder: Path) -> Path:
 
 
 def rise(grid: int) -> tuple[int, int]:
-    """Voxels by which the transect climbs along y and z in one pass along x: odd.
+    """Returns the voxels by which a transect climbs along y and z in one pass along x.
 
-    So that it closes after `grid` passes.
+    They are odd, so that the transect closes after `grid` passes.
     """
     y, z = (2 * math.floor(grid * slope / 2) + 1 for slope in SLOPES)
     return y, z
 
 
 def step_m(grid: int, voxel_m: float) -> float:
-    """From one sample of a transect to the next."""
+    """Returns the distance from one sample of a transect to the next, in m."""
     return voxel_m / STEPS_PER_VOXEL * math.hypot(grid, *rise(grid)) / grid
 
 
 def transect(cube: NDArray[Any]) -> Array:
-    """A periodic cube (z, y, x) along a straight line from voxel (0, 0, 0), oblique to its axes; at most 128 passes.
+    """Returns a periodic cube (z, y, x) along a straight line from voxel (0, 0, 0).
 
-    Between voxels the cube's own Fourier series is taken: of any interpolation it alone leaves the spectrum as it is.
+    The line is oblique to the cube's axes, and makes at most 128 passes. Between voxels the cube's
+    own Fourier series is taken, since any other interpolation changes the spectrum.
     """
     from scipy import fft
 

@@ -1,107 +1,166 @@
-"""The picture of a result: variants side by side, each stretched to its own contrast.
-
-As in the paper.
-"""
+"""The picture of a result: variants side by side, each stretched to its own contrast."""
 
 from __future__ import annotations
 
 import math
+import warnings
+from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
-if TYPE_CHECKING:
-    from thzcl.results.result import Result
+from thzcl.errors import FileError
+from thzcl.results.contents import Array, Contents, readable
 
+FORMATS = ("png", "pdf", "svg")
 PANEL_INCHES = 3.2
+PITCH_INCHES = PANEL_INCHES + 1.0  # from panel to panel, with the colour bar
 DOTS_PER_INCH = 150
 DIVERGING = "RdBu_r"  # of differences, zero in the middle
+SPREAD = "magma"  # of standard deviations
 VARIANCE = "image_variance"  # an ensemble's layer
 STRETCH_PERCENT = (0.1, 99.9)  # of the pixels, between black and white
+HEADING, TITLE, LABEL = 11, 9, 7  # sizes of letters, points
+LINE = 1.25 / 72  # inches from line to line, for each point of the letters' size
+
+Extent = tuple[float, float, float, float]  # left, right, bottom, top, mrad
 
 
 class Panel(NamedTuple):
     """One picture among the others."""
 
     title: str
-    values: Any
+    values: Array
     quantity: str
     unit: str
     colours: str
 
 
-def picture(result: Result, path: Path) -> None:
-    """Writes a PNG with one panel for each variant.
+def picture_format(path: Path) -> str:
+    """Returns the format that a picture's name asks for. Raises FileError if there is none such."""
+    form = path.suffix.lower().removeprefix(".")
+    if form not in FORMATS:
+        raise FileError(f"{path}: pictures are written as .png, .pdf or .svg; choose such a name")
+    return form
 
-    And one for their difference where asked for.
-    """
+
+def draw(result: Contents, path: Path, form: str) -> None:
+    """Writes a picture with one panel for each variant, and one for a difference asked for."""
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "Glyph")  # a name in letters that the font lacks
+        picture(result).savefig(path, dpi=DOTS_PER_INCH, format=form)
+
+
+def picture(result: Contents) -> Any:
+    """Returns the matplotlib figure of a result."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    panels, heading = _panels(result)
+    panels, conditions = _panels(result)
     columns = result.figure_columns or math.ceil(math.sqrt(len(panels)))
-    if any(panel.colours == "magma" for panel in panels):
+    if any(panel.colours == SPREAD for panel in panels):
         columns += columns % 2  # each mean beside its spread
     rows = math.ceil(len(panels) / columns)
-    height, width = panels[0].values.shape
-    tall = PANEL_INCHES * min(max(height / width, 0.3), 3.0) + 0.6
-    figure = Figure(
-        figsize=(columns * (PANEL_INCHES + 1.0), rows * tall + 0.4), layout="constrained"
-    )
+    extent = _extent(*result.pixel_angles_mrad)
+    tall = PANEL_INCHES * min(max(_height_over_width(extent), 0.3), 3.0)
+    lines = max(panel.title.count("\n") + 1 for panel in panels)
+    row = tall + 0.3 + lines * TITLE * LINE
+    heading = _heading(readable(result.scenario), conditions, columns * PITCH_INCHES - 0.3)
+    above = 0.2 + (heading.count("\n") + 1) * HEADING * LINE
+    size = (columns * PITCH_INCHES, rows * row + above)
+    figure = Figure(figsize=size, layout="constrained")
     FigureCanvasAgg(figure)
-    figure.suptitle(heading, fontsize=11)
+    figure.suptitle(heading, fontsize=HEADING, parse_math=False)
     axes = figure.subplots(rows, columns, squeeze=False)
     for panel, ax in zip(panels, axes.flat, strict=False):
-        _draw(figure, ax, result.pixel_angles_mrad, panel)
+        _draw_panel(figure, ax, extent, panel, 0.85 * tall)
     for ax in axes.flat[len(panels) :]:
         ax.set_axis_off()
-    figure.savefig(path, dpi=DOTS_PER_INCH, format="png")
+    return figure
 
 
-def _panels(result: Result) -> tuple[list[Panel], str]:
-    """The panels, and the heading above them all: conditions that all share stand there.
+def _panels(result: Contents) -> tuple[list[Panel], list[str]]:
+    """Returns the panels, and the conditions that all share, which belong above them all.
 
-    The others over each.
+    Other conditions stand in the panels' titles.
     """
     shown = [
-        (v.name, v.image, words)
-        for v, words in zip(result.variants, result.conditions, strict=True)
-        if v.image
+        (variant.name, variant.image, words)
+        for variant, words in zip(result.variants, result.conditions, strict=True)
+        if variant.image
     ]
-    shared = [len(set(parts)) == 1 for parts in zip(*(words for _, _, words in shown), strict=True)]
+    columns = zip(*(words for _, _, words in shown), strict=True)
+    shared = [len(set(column)) == 1 for column in columns]
     found = []
     for name, image, words in shown:
         own = [word for word, same in zip(words, shared, strict=True) if not same]
-        title = "\n".join([name, *([", ".join(own)] if own else [])])
-        found.append(Panel(title, image.values, image.quantity, image.unit, "gray"))
+        found.append(Panel(_title(name, own), image.values, image.quantity, image.unit, "gray"))
         if VARIANCE in image.layers:
-            spread, title = (
-                np.sqrt(image.layers[VARIANCE].values),
-                f"{name}\nspread over realisations",
-            )
-            found.append(
-                Panel(title, spread, f"standard deviation of {image.quantity}", image.unit, "magma")
-            )
+            spread = np.sqrt(image.layers[VARIANCE].values)
+            title, quantity = _title(name, ["spread over realisations"]), image.quantity
+            deviation = f"standard deviation of {quantity}"
+            found.append(Panel(title, spread, deviation, image.unit, SPREAD))
     difference = result.image_difference()
     if difference is not None and result.difference is not None:
-        title = " less ".join(result.difference)
-        found.append(
-            Panel(title, difference, f"difference of {found[0].quantity}", found[0].unit, DIVERGING)
-        )
-    common = [word for word, same in zip(shown[0][2], shared, strict=True) if same]
-    return found, ": ".join([result.scenario, *([", ".join(common)] if common else [])])
+        title = _title(" less ".join(result.difference), [])
+        quantity = f"difference of {found[0].quantity}"
+        found.append(Panel(title, difference, quantity, found[0].unit, DIVERGING))
+    return found, [word for word, same in zip(shown[0][2], shared, strict=True) if same]
 
 
-def _draw(figure: Any, ax: Any, angles_mrad: tuple[Any, Any], panel: Panel) -> None:
-    x, y = angles_mrad
+def _title(name: str, conditions: Sequence[str]) -> str:
+    """Returns a panel's title: its name, and below it the conditions of its own, folded."""
+    width = PANEL_INCHES - 0.3
+    lines = [_folded(name.split(), width, TITLE)]
+    if conditions:
+        lines.append(_folded(_listed(conditions), width, TITLE))
+    return "\n".join(lines)
+
+
+def _heading(scenario: str, conditions: Sequence[str], width: float) -> str:
+    """Returns the scenario and the conditions that all panels share, folded to a width."""
+    name = f"{scenario}:" if conditions else scenario
+    return _folded([*name.split(), *_listed(conditions)], width, HEADING)
+
+
+def _listed(conditions: Sequence[str]) -> list[str]:
+    """Returns conditions with a comma behind all but the last; none of them is to be broken."""
+    return [*(f"{condition}," for condition in conditions[:-1]), *conditions[-1:]]
+
+
+def _folded(pieces: Iterable[str], width: float, points: float) -> str:
+    """Returns pieces of text in lines of at most `width` inches in letters of that size."""
+    from matplotlib.font_manager import FontProperties
+    from matplotlib.textpath import text_to_path
+
+    font = FontProperties(size=points)
+
+    def inches(text: str) -> float:
+        extent = text_to_path.get_text_width_height_descent(text, font, ismath=False)
+        return float(extent[0]) / 72
+
+    lines: list[str] = []
+    for piece in pieces:
+        longer = f"{lines[-1]} {piece}" if lines else piece
+        if lines and inches(longer) <= width:
+            lines[-1] = longer
+            continue
+        rest = piece
+        while inches(rest) > width:  # a word longer than a line
+            fitting = max((n for n in range(1, len(rest)) if inches(rest[:n]) <= width), default=1)
+            lines.append(rest[:fitting])
+            rest = rest[fitting:]
+        lines.append(rest)
+    return "\n".join(lines)
+
+
+def _draw_panel(figure: Any, ax: Any, extent: Extent, panel: Panel, bar_inches: float) -> None:
     low, high = np.percentile(panel.values, STRETCH_PERCENT)
     if panel.colours == DIVERGING:
         low, high = -max(-low, high), max(-low, high)
     if low == high:
         high = low + 1.0
-    half_x, half_y = _half_step(x), _half_step(y)
-    extent = (x[0] - half_x, x[-1] + half_x, y[-1] - half_y, y[0] + half_y)
     shown = ax.imshow(
         panel.values,
         cmap=panel.colours,
@@ -110,15 +169,25 @@ def _draw(figure: Any, ax: Any, angles_mrad: tuple[Any, Any], panel: Panel) -> N
         extent=extent,
         interpolation="nearest",
     )
-    ax.set_title(panel.title, fontsize=9)
-    ax.tick_params(labelsize=7)
-    ax.set_xlabel("mrad", fontsize=7)
-    bar = figure.colorbar(shown, ax=ax, shrink=0.85)
-    bar.ax.tick_params(labelsize=7)
-    bar.set_label(
-        panel.quantity if panel.unit == "1" else f"{panel.quantity} / {panel.unit}", fontsize=7
-    )
+    ax.set_title(panel.title, fontsize=TITLE, parse_math=False)
+    ax.tick_params(labelsize=LABEL)
+    ax.set_xlabel("mrad", fontsize=LABEL)
+    bar = figure.colorbar(shown, ax=ax, shrink=0.85, panchor=False)
+    bar.ax.tick_params(labelsize=LABEL)
+    label = panel.quantity if panel.unit == "1" else f"{panel.quantity} / {panel.unit}"
+    bar.set_label(_folded(label.split(), bar_inches, LABEL), fontsize=LABEL, parse_math=False)
 
 
-def _half_step(angles: Any) -> float:
+def _extent(columns: Array, rows: Array) -> Extent:
+    """Returns the outer edges of the pixels whose middles lie at these angles."""
+    half_x, half_y = _half_step(columns), _half_step(rows)
+    return (columns[0] - half_x, columns[-1] + half_x, rows[-1] - half_y, rows[0] + half_y)
+
+
+def _half_step(angles: Array) -> float:
     return float(abs(angles[1] - angles[0]) / 2) if len(angles) > 1 else 0.5
+
+
+def _height_over_width(extent: Extent) -> float:
+    left, right, bottom, top = extent
+    return (top - bottom) / (right - left)

@@ -1,4 +1,4 @@
-"""A scene: camera, air, ground, targets and background, as the tables of a scenario give them.
+"""A scene: camera, ground, targets and background, as the tables of a scenario give them.
 
 Keys carry their unit.
 """
@@ -6,16 +6,14 @@ Keys carry their unit.
 from __future__ import annotations
 
 import math
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field
 
-from thzcl.air import humidity as humidities
-from thzcl.air.mean import Air
+from thzcl.scenario.atmosphere import Atmosphere
 from thzcl.scenario.problems import Trouble
 from thzcl.scenario.table import Fraction, Kelvin, Positive, Table, Vector, key
 
-AirKelvin = Annotated[float, Field(ge=100, le=400)]
 PixelCount = Annotated[int, Field(ge=1, le=16384)]
 Face = Literal["-x", "+x", "-y", "+y", "-z", "+z"]
 
@@ -54,158 +52,6 @@ class Camera(Table):
         return found
 
 
-class Fluctuations(Table):
-    """Turbulent fluctuations of humidity.
-
-    And of temperature where a sigma or structure constant is given for it.
-    """
-
-    at_most_one: ClassVar = (
-        ("sigma_percent", "structure_constant_q"),
-        ("temperature_sigma_k", "structure_constant_t"),
-    )
-
-    spectrum: Literal["kolmogorov", "von-karman", "table", "file"] = key(
-        "kolmogorov", help='power spectrum; "table" reads a measured one, "file" a whole cube'
-    )
-    file: str | None = key(
-        None,
-        help="NetCDF file with absolute_humidity(z, y, x) in g/m3; or, for a table, CSV of spatial frequency in cycles/m and "
-        "one-sided density along a line in (g/m3)^2 m",
-    )
-    sigma_percent: float | None = key(
-        None, ge=0, le=300, unit="%", help="standard deviation of humidity over its mean"
-    )
-    structure_constant_q: float | None = key(
-        None,
-        ge=0,
-        unit="g^2 m^-6 m^-2/3",
-        help="C_q^2: the structure function of humidity is C_q^2 r^(2/3)",
-    )
-    outer_scale_m: Positive | None = key(
-        None, unit="m", help="outer scale of the von Karman spectrum"
-    )
-    distribution: Literal["auto", "gaussian", "lognormal"] = key(
-        "auto", help="gaussian (clipped at dry air) below a sigma of 30 %, lognormal from there on"
-    )
-    voxel_m: float | None = key(None, ge=1e-4, le=1e5, unit="m", help="edge of a voxel")
-    grid: int = key(
-        128, ge=16, le=512, help="voxels along an edge of the periodic cube, a power of two"
-    )
-    seed: int | None = key(
-        None, ge=0, lt=2**63, help="seed of the random numbers; one is drawn and recorded if absent"
-    )
-    grid_orientation: Literal["oblique", "aligned"] = key(
-        "oblique", help="the cube's axes against the world's"
-    )
-    temperature_sigma_k: float | None = key(
-        None, ge=0, le=50, unit="K", help="standard deviation of air temperature"
-    )
-    structure_constant_t: float | None = key(
-        None, ge=0, unit="K^2 m^-2/3", help="C_T^2 of air temperature"
-    )
-    wind_m_s: Vector = key(
-        (0.0, 0.0, 0.0), help="wind that carries the cube along, frozen [x, y, z]", unit="m/s"
-    )
-    correlation_tq: float = key(0.0, ge=-1, le=1, help="correlation of temperature and humidity")
-
-    def troubles(self) -> list[Trouble]:  # noqa: D102 (Table's)
-        found = []
-        if self.grid & (self.grid - 1):
-            found.append(
-                Trouble(("grid",), f"must be a power of two from 16 to 512, not {self.grid}")
-            )
-        if self.spectrum == "von-karman" and self.outer_scale_m is None:
-            found.append(Trouble((), 'spectrum = "von-karman" needs outer_scale_m'))
-        if self.spectrum != "von-karman" and self.outer_scale_m is not None:
-            found.append(
-                Trouble(
-                    ("outer_scale_m",),
-                    'is used by spectrum = "von-karman" only; remove it or change spectrum',
-                )
-            )
-        if (self.spectrum in ("file", "table")) != (self.file is not None):
-            found.append(
-                Trouble(("spectrum",), 'spectrum = "file" or "table" and file = "..." go together')
-            )
-        found += self._size_troubles()
-        if self.spectrum == "file" and (self.temperature_sigma_k or self.structure_constant_t):
-            found.append(
-                Trouble(
-                    ("spectrum",),
-                    "a cube from a file brings its own temperature (air_temperature) or none",
-                )
-            )
-        if self.spectrum != "file" and self.voxel_m is None:
-            found.append(Trouble((), "needs voxel_m, the edge of a voxel in m"))
-        return found
-
-    def _size_troubles(self) -> list[Trouble]:
-        """How much humidity fluctuates: a cube says it itself.
-
-        And so does a table unless it is rescaled.
-        """
-        given = [
-            name
-            for name in ("sigma_percent", "structure_constant_q")
-            if getattr(self, name) is not None
-        ]
-        if self.spectrum == "file" and given:
-            return [Trouble((given[0],), "is given by the cube; remove it")]
-        if self.spectrum == "table" and "structure_constant_q" in given:
-            return [
-                Trouble(
-                    ("structure_constant_q",),
-                    "is given by the table; remove it, or rescale with sigma_percent",
-                )
-            ]
-        if self.spectrum not in ("file", "table") and not given and self.file is None:
-            return [Trouble((), "needs one of sigma_percent, structure_constant_q or file")]
-        return []
-
-
-class Atmosphere(Table):
-    """The mean air, and how it fluctuates."""
-
-    exactly_one: ClassVar = (("relative_humidity_percent", "absolute_humidity_g_m3"),)
-
-    temperature_k: AirKelvin = key(help="mean air temperature", unit="K")
-    pressure_hpa: float = key(1013.25, gt=0, le=2000, help="total pressure", unit="hPa")
-    relative_humidity_percent: float | None = key(
-        None, ge=0, unit="%", help="mean humidity relative to saturation over water"
-    )
-    absolute_humidity_g_m3: float | None = key(
-        None, ge=0, unit="g/m3", help="mean absolute humidity"
-    )
-    model: Literal["mpm93", "mpm93-corrected", "none"] = key("mpm93", help="absorption model")
-    fluctuations: Fluctuations | None = key(
-        None, help="turbulence; leave the table out for uniform air"
-    )
-
-    @property
-    def air(self) -> Air:
-        """The mean air."""
-        grams = self.absolute_humidity_g_m3
-        if grams is None:
-            vapour = humidities.vapour_pressure_from_relative(
-                self.relative_humidity_percent, self.temperature_k
-            )
-            grams = float(humidities.absolute_humidity(vapour, self.temperature_k))
-        return Air(self.model, self.temperature_k, self.pressure_hpa, grams)
-
-    def troubles(self) -> list[Trouble]:  # noqa: D102 (Table's)
-        vapour = self.air.vapour_pressure_hpa
-        if vapour <= self.pressure_hpa:
-            return []
-        given = (
-            "relative_humidity_percent"
-            if self.absolute_humidity_g_m3 is None
-            else "absolute_humidity_g_m3"
-        )
-        text = f"makes a vapour pressure of {vapour:.4g} hPa, more than the total of {self.pressure_hpa:g} hPa; lower it"
-        return [Trouble((given,), text)]
-
-
 class Ground(Table):
     """The plane z = 0."""
 
@@ -216,9 +62,9 @@ class Ground(Table):
 
 
 class Bars(Table):
-    """Upright stripes of equal width on a face of a box; the first, third, ...
+    """Upright stripes of equal width on a face of a box.
 
-    From the left have their own temperature.
+    The first, third, ... from the left have a temperature of their own.
     """
 
     face: Face = key(help="the face, by the direction of its outward normal in the box's own axes")
@@ -229,7 +75,7 @@ class Bars(Table):
 
 
 def _as_list(value: Any) -> Any:
-    """One table of bars may stand for a list of one."""
+    """Returns a list of bars: one table may stand for a list of one."""
     return (value,) if isinstance(value, dict) else value
 
 
@@ -253,7 +99,7 @@ class Box(Table):
     ] = key((), help="stripes on a face; one table, or a list of them")
 
     def holds(self, point: Vector) -> bool:
-        """Whether a point lies inside."""
+        """Returns whether a point lies inside."""
         yaw = math.radians(self.yaw_deg)
         x, y, z = (p - c for p, c in zip(point, self.center_m, strict=True))
         own = (math.cos(yaw) * x + math.sin(yaw) * y, math.cos(yaw) * y - math.sin(yaw) * x, z)
@@ -269,10 +115,7 @@ class Box(Table):
 
 
 class Billboard(Table):
-    """An upright rectangle with a picture of temperature or reflectivity on it.
-
-    Seen from both sides.
-    """
+    """An upright rectangle with a picture of temperature or reflectivity on it, on both sides."""
 
     kind: Literal["billboard"] = key(help='"billboard"')
     center_m: Vector = key(help="centre [x, y, z]", unit="m")
@@ -281,7 +124,8 @@ class Billboard(Table):
         help="direction of its front, counter-clockwise from +x seen from above", unit="deg"
     )
     image: str = key(
-        help="PNG or TIFF of 8 or 16 bit, or .npy in kelvin or reflectivity; from the scenario's folder"
+        help="PNG or TIFF of 8 or 16 bit, or .npy in kelvin or reflectivity; "
+        "from the scenario's folder"
     )
     quantity: Literal["temperature", "reflectivity"] = key(help="what the image shows")
     range: tuple[float, float] | None = key(
@@ -324,7 +168,8 @@ class Background(Table):
     )
     environment: Literal["air", "none"] | Kelvin = key(
         "air",
-        help='what surfaces reflect: "air" (a black enclosure at air temperature), "none", or a temperature',
+        help='what surfaces reflect: "air" (a black enclosure at air temperature), "none", '
+        "or a temperature",
         unit="K",
     )
     max_range_m: float = key(
@@ -351,19 +196,22 @@ class Numerics(Table):
         None,
         ge=1,
         le=64,
-        help="trace every so many rays both ways, and interpolate within each thing seen; 1 is exact",
+        help="trace every so many rays both ways, and interpolate within each thing seen; "
+        "1 is exact",
     )
     tolerance: float | None = key(
         None,
         ge=1e-9,
         le=0.1,
-        help="bearable error, relative to the image's largest contrast; picks whatever is not given",
+        help="bearable error, relative to the image's largest contrast; "
+        "picks whatever is not given",
     )
     realizations: int = key(
         1,
         ge=1,
         le=1_000_000,
-        help="independent realisations of the air; the image is their mean, with variance and spread",
+        help="independent realisations of the air; "
+        "the image is their mean, with variance and spread",
     )
     error_budget: bool = key(
         True, help="follow some rays again without any shortcut, to measure the errors made"
@@ -405,8 +253,9 @@ class Scene(Table):
         found = []
         if self.ground is not None and self.camera.position_m[2] <= 0:
             height = self.camera.position_m[2]
-            text = f"the camera is at z = {height:g} m, not above the ground (z = 0); raise it or remove [ground]"
-            found.append(Trouble(("camera", "position_m"), text))
+            text = f"the camera is at z = {height:g} m, not above the ground (z = 0)"
+            remedy = "raise it or remove [ground]"
+            found.append(Trouble(("camera", "position_m"), f"{text}; {remedy}"))
         taken = [name for name in ("background", "ground") if name in self.targets]
         text = "names another part of the scene; choose another name"
         return found + [Trouble(("targets", name), f'"{name}" {text}') for name in taken]

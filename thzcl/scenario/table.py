@@ -5,15 +5,29 @@ Nothing changes after reading.
 
 from __future__ import annotations
 
-from typing import Annotated, Any, ClassVar
+from collections.abc import Mapping
+from itertools import combinations
+from typing import Annotated, Any, ClassVar, Self
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Field,
+    GetJsonSchemaHandler,
+    ValidationError,
+    model_validator,
+)
+from pydantic.functional_validators import ModelWrapValidatorHandler
 
-from thzcl.scenario.problems import Trouble
+from thzcl.scenario.problems import Trouble, listed, refusal, translate
 
 
 class Table(BaseModel):
-    """A table of the scenario, or a sensor's parameters."""
+    """A table of the scenario, or a plugin's parameters.
+
+    Whatever is wrong with it is found at once and put into words: what pydantic finds, the groups
+    of keys below, and, where its values are sound, its `troubles`.
+    """
 
     model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
 
@@ -22,29 +36,78 @@ class Table(BaseModel):
     at_most_one: ClassVar[tuple[tuple[str, ...], ...]] = ()
 
     def troubles(self) -> list[Trouble]:
-        """What is wrong with this table's values taken together.
+        """Returns what is wrong with this table's values taken together, each of them being sound.
 
-        Overridden where there is something to say.
+        Tables override it where there is something to say.
         """
         return []
 
     @staticmethod
     def trouble(name: str, text: str) -> Trouble:
-        """What is wrong with one key, for troubles()."""
+        """Returns what is wrong with one key, for `troubles`."""
         return Trouble((name,), text)
 
+    @model_validator(mode="wrap")
+    @classmethod
+    def _in_words(cls, data: Any, handler: ModelWrapValidatorHandler[Self]) -> Self:
+        found = cls._misgrouped(data) if isinstance(data, Mapping) else []
+        try:
+            table = handler(data)
+        except ValidationError as error:
+            raise refusal(cls.__name__, found + translate(error, cls.model_fields, data)) from None
+        if not found:
+            found = table._sound_troubles()  # noqa: SLF001 (its own)
+        if found:
+            raise refusal(cls.__name__, found)
+        return table
 
-def key(default: Any = ..., *, unit: str = "", help: str, **limits: Any) -> Any:  # noqa: A002 (what it is)
-    """A key of a table: its default (none: required), unit, meaning, and pydantic's limits (gt.
+    @classmethod
+    def _misgrouped(cls, data: Mapping[str, Any]) -> list[Trouble]:
+        """Returns the groups of which no key, or more than one, is given."""
+        found = []
+        for group in (*cls.exactly_one, *cls.at_most_one):
+            given = [name for name in group if name in data]
+            if len(given) > 1:
+                found.append(Trouble((given[-1],), f"give only one of {listed(group)}"))
+            elif not given and group in cls.exactly_one:
+                found.append(Trouble((), f"needs one of {listed(group)}"))
+        return found
 
-    Ge, lt, le, ...).
+    def _sound_troubles(self) -> list[Trouble]:
+        """Returns `troubles`; what a plugin's method raises is not taken for a user's mistake."""
+        try:
+            return list(self.troubles())
+        except (ValueError, AssertionError) as error:  # pydantic would take these two for one
+            raise RuntimeError(f"troubles() raised {type(error).__name__}: {error}") from error
+
+    @classmethod
+    def __get_pydantic_json_schema__(
+        cls, core_schema: Any, handler: GetJsonSchemaHandler
+    ) -> dict[str, Any]:
+        """Returns the JSON Schema, the groups of keys included."""
+        schema = handler(core_schema)
+        rules: list[dict[str, Any]] = [
+            {"oneOf": [{"required": [name]} for name in group]} for group in cls.exactly_one
+        ]
+        for group in cls.at_most_one:
+            rules += [{"not": {"required": list(pair)}} for pair in combinations(group, 2)]
+        if rules:
+            handler.resolve_ref_schema(schema)["allOf"] = rules
+        return schema
+
+
+def key(default: Any = ..., *, unit: str = "", help: str, **limits: Any) -> Any:  # noqa: A002
+    """Returns a key of a table: its default (none: required), unit, meaning and limits.
+
+    Limits are pydantic's: gt, ge, lt, le, min_length and so on.
     """
     return Field(
         default, description=help, json_schema_extra={"unit": unit} if unit else None, **limits
     )
 
 
-Vector = tuple[float, float, float]
+Coordinate = Annotated[float, Field(ge=-1e9, le=1e9)]  # squares and cubes of it stay finite
+Vector = tuple[Coordinate, Coordinate, Coordinate]
 Positive = Annotated[float, Field(gt=0)]
 Kelvin = Annotated[float, Field(ge=0, le=1e19)]
 Fraction = Annotated[float, Field(ge=0, le=1)]

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from thzcl.air import radiometry
+from thzcl.errors import FileError
 
 Array = NDArray[np.float64]
 
@@ -80,21 +81,21 @@ def named(shape: str, center_hz: float, width_hz: float) -> Band:
 
 
 def tabulated(table: Array, name: str) -> Band:
-    """A band from rows of frequency in GHz and response, straight lines between.
+    """Returns the band of a table's rows of frequency in GHz and response, linear between them.
 
-    Raises ValueError for what is none.
+    `name` is what messages call the table. Raises FileError for one that is no band.
     """
     if table.shape[1] != 2 or len(table) < 2:
-        raise ValueError(
+        raise FileError(
             f"{name}: needs two columns, frequency in GHz and response, and two rows or more"
         )
     ghz, response = table.T
     if not (np.diff(ghz) > 0).all():
-        raise ValueError(f"{name}: its frequencies do not ascend; sort them, and give each once")
+        raise FileError(f"{name}: its frequencies do not ascend; sort them, and give each once")
     if ghz[0] <= 0 or ghz[-1] > 1780:
-        raise ValueError(f"{name}: its frequencies must lie above 0 and up to 1780 GHz")
+        raise FileError(f"{name}: its frequencies must lie above 0 and up to 1780 GHz")
     if not (np.isfinite(response).all() and response.min() >= 0 and response.max() > 0):
-        raise ValueError(f"{name}: its response must be at least 0, and above 0 somewhere")
+        raise FileError(f"{name}: its response must be at least 0, and above 0 somewhere")
     return Band(
         float(ghz[0]) * 1e9,
         float(ghz[-1]) * 1e9,

@@ -76,7 +76,7 @@ def bench(
     """
     tell = progress or (lambda _: None)
     plan = pipeline.prepare(source, settings, variants, allow_outside=allow_outside)
-    from thzcl.device.opencl import open_device
+    from thzcl.device.choose import open_device
 
     opened = open_device(device)
     runs = repeated(plan, opened, repeat, tell)

@@ -1,6 +1,6 @@
-"""Statistics of images over independent realisations of the air; they come one by one.
+"""Statistics of images over independent realisations of the air.
 
-And memory does not grow with them.
+Realisations come one by one, and memory does not grow with them.
 """
 
 from __future__ import annotations
@@ -11,25 +11,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from thzcl.plan.plan import Plan, VariantPlan
 from thzcl.sensor import Echoes, Image, Layer, Radiances
-from thzcl.turbulence.spectra import Turbulence
 
 Array = NDArray[Any]
-_STEP = 0x9E3779B97F4A7C15  # 2^64 over the golden ratio: seeds of neighbouring scenes share no realisation
-
-
-def realization(plan: Plan, number: int) -> Plan:
-    """The same plan with the air of another seed; number 0 is the plan's own."""
-    return replace(plan, variants=tuple(_reseeded(variant, number) for variant in plan.variants))
-
-
-def _reseeded(variant: VariantPlan, number: int) -> VariantPlan:
-    if variant.field is None or not isinstance(variant.field.source, Turbulence):
-        return variant
-    source = variant.field.source
-    seed = (source.seed + number * _STEP) % 2**63
-    return replace(variant, field=replace(variant.field, source=replace(source, seed=seed)))
 
 
 class Running:
@@ -58,12 +42,12 @@ class Running:
 
     @property
     def variance(self) -> Array:
-        """Of the ensemble, estimated without bias."""
+        """Returns the variance of the ensemble, estimated without bias."""
         return np.asarray(self._squares / max(self.count - 1, 1))
 
 
 class Ensemble:
-    """The images of one variant: what is kept of all of them."""
+    """What is kept of all images of one variant."""
 
     def __init__(self) -> None:
         self._planes: dict[str, Running] = {}
@@ -79,9 +63,9 @@ class Ensemble:
         self._last = sight, image
 
     def mean(self) -> tuple[Radiances | Echoes, Image]:
-        """The mean of what reached the pixels.
+        """Returns the mean of what reached the pixels, and the mean image.
 
-        And the mean image with its variance and spread over the realisations.
+        The image has its variance and spread over the realisations as layers.
         """
         assert self._last is not None  # noqa: S101 (there is one realisation at least)
         sight, image = self._last

@@ -1,7 +1,4 @@
-"""Random humidity, and temperature where it fluctuates too, on a periodic cube.
-
-Or a cube that the user brings.
-"""
+"""Makes cubes of random humidity, and of temperature where it fluctuates; or loads one."""
 
 from __future__ import annotations
 
@@ -11,10 +8,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from thzcl.device.opencl import Buffer, Device, Program, Recipe
+from thzcl.device.opencl import Buffer, Device, Program
+from thzcl.turbulence import cube_file
 from thzcl.turbulence.cube_file import CubeFile
 from thzcl.turbulence.spectra import Turbulence, spectral_amplitude
-from thzcl.turbulence import cube_file as field_file
 
 Span = tuple[float, float]
 
@@ -38,7 +35,7 @@ class Field:
 
 
 class Statistics(NamedTuple):
-    """Of a cube."""
+    """Standard deviation of a cube, and its smallest and largest value."""
 
     sigma: float
     span: Span
@@ -51,41 +48,25 @@ def generate(
     ceiling: float = math.inf,
     library: str | None = None,
 ) -> Field:
-    """A realisation of the fluctuations, `delta` limited to `ceiling`; `library` as in Device.inverse_transform.
+    """Returns a realisation of the fluctuations, with `delta` limited to `ceiling`.
 
-    Each Gaussian starts with C^2 = 1. A given sigma then rescales this realisation to it exactly, a given structure
-    constant scales by what is expected of the ensemble.
+    Each Gaussian starts with C^2 = 1. A given sigma then rescales this realisation to it exactly, a
+    given structure constant scales by what is expected of the ensemble. `library` is as in
+    Device.inverse_transform.
     """
-    two = turbulence.temperature_fluctuates
-    full = two or library == "reikna" or not device.in_place
-    program = device.build(*recipe(full=full))
+    full = turbulence.temperature_fluctuates or library == "reikna" or not device.in_place
+    program = device.build(("turbulence/field",), "float32", (f"TWO_FIELDS={int(full)}",))
     humidity, second = _gaussians(device, program, turbulence, full, library)
-    expected = math.sqrt(turbulence.unit_variance)
-    items = turbulence.grid**3 // device.lanes("float32")
-
     offset, temperature_span = None, (0.0, 0.0)
-    if two:
-        along, across = turbulence.correlation, math.sqrt(1 - turbulence.correlation**2)
-        program.run("combine", items, second, humidity, np.float32(along), np.float32(across))
-        own = (
-            statistics(device, program, second).sigma if turbulence.temperature_exact else expected
-        )
-        program.run(
-            "combine",
-            items,
-            second,
-            humidity,
-            np.float32(0),
-            np.float32(turbulence.temperature_sigma_k / own),
-        )
-        offset, temperature_span = (
-            _as_precise(device, second, precision),
-            statistics(device, program, second).span,
-        )
+    if turbulence.temperature_fluctuates:
+        temperature_span = _warm(device, program, turbulence, humidity, second)
+        offset = _as_precise(device, second, precision)
 
+    expected = math.sqrt(turbulence.unit_variance)
     own = statistics(device, program, humidity).sigma if turbulence.exact else expected
     s = math.sqrt(math.log1p(turbulence.sigma**2)) if turbulence.lognormal else turbulence.sigma
     shift = s * s / 2 if turbulence.lognormal else 0.0
+    items = turbulence.grid**3 // device.lanes("float32")
     program.run("humidity", items, humidity, np.float32(s / own), np.float32(shift))
     span = statistics(device, program, humidity).span
     notes, span = _limit(humidity, span, ceiling)
@@ -93,18 +74,28 @@ def generate(
     return Field(turbulence.grid, turbulence.voxel_m, delta, offset, span, temperature_span, notes)
 
 
-def recipe(*, full: bool) -> Recipe:
-    """The program that makes fields, of a full spectrum or of half a one."""
-    return Recipe(("turbulence/field",), "float32", (f"TWO_FIELDS={int(full)}",))
+def _warm(
+    device: Device, program: Program, turbulence: Turbulence, humidity: Buffer, second: Buffer
+) -> Span:
+    """Makes departures of temperature in K of a second Gaussian, in place; returns their span.
+
+    They are correlated with the first Gaussian, `humidity`, as the scene says.
+    """
+    items = turbulence.grid**3 // device.lanes("float32")
+    along, across = turbulence.correlation, math.sqrt(1 - turbulence.correlation**2)
+    program.run("combine", items, second, humidity, np.float32(along), np.float32(across))
+    own = math.sqrt(turbulence.unit_variance)
+    if turbulence.temperature_exact:
+        own = statistics(device, program, second).sigma
+    kelvin = np.float32(turbulence.temperature_sigma_k / own)
+    program.run("combine", items, second, humidity, np.float32(0), kelvin)
+    return statistics(device, program, second).span
 
 
 def _gaussians(
     device: Device, program: Program, t: Turbulence, full: bool, library: str | None
 ) -> tuple[Buffer, Buffer]:
-    """Two independent cubes from one full transform, or the first of them, twice.
-
-    From a half one.
-    """
+    """Returns two independent cubes from a full transform, or one, twice, from a half one."""
     n = t.grid
     amplitude = device.put(
         spectral_amplitude(n, t.voxel_m, t.outer_scale_m, t.table) * n**3, np.float32
@@ -122,9 +113,9 @@ def _gaussians(
 
 
 def statistics(device: Device, program: Program, cube: Buffer) -> Statistics:
-    """Standard deviation and span of a float32 cube.
+    """Returns standard deviation and span of a float32 cube.
 
-    Summed in runs of fixed length and then in float64.
+    Sums are taken in runs of fixed length and then in float64.
     """
     voxels, run = math.prod(cube.shape), 16 * cube.shape[0]
     sums = device.empty((voxels // run, 4), np.float32)
@@ -141,9 +132,9 @@ def _as_precise(device: Device, cube: Buffer, precision: str) -> Buffer:
 
 
 def _limit(delta: Buffer, span: Span, ceiling: float) -> tuple[tuple[str, ...], Span]:
-    """Counts voxels clipped at dry air.
+    """Limits voxels whose vapour alone would exceed the total pressure, in place.
 
-    And limits those whose vapour alone would exceed the total pressure.
+    Returns notes that count them and the voxels clipped at dry air, and the span that is left.
     """
     notes = []
     if span[0] <= -1:
@@ -161,14 +152,13 @@ def _limit(delta: Buffer, span: Span, ceiling: float) -> tuple[tuple[str, ...], 
 def load(
     device: Device, cube: CubeFile, mean_g_m3: float, mean_k: float, precision: str, ceiling: float
 ) -> Field:
-    """A user's cube on the device, as departures from the scene's mean air."""
-    humidity, temperature, _ = field_file.read(cube.path)
+    """Returns a user's cube on the device, as departures from the scene's mean air."""
+    humidity, temperature, _ = cube_file.read(cube.path)
     relative = humidity.astype(np.float64) / mean_g_m3 - 1
-    notes = []
+    notes = list(cube.notes)
     if relative.max() > ceiling:
-        notes.append(
-            f"{np.count_nonzero(relative > ceiling)} voxels were limited to vapour at the total pressure"
-        )
+        wet = np.count_nonzero(relative > ceiling)
+        notes.append(f"{wet} voxels were limited to vapour at the total pressure")
         np.minimum(relative, ceiling, out=relative)
     delta = device.put(relative, precision)
     warmth = None if temperature is None else temperature.astype(np.float64) - mean_k

@@ -1,6 +1,6 @@
 """Humidity cubes in files: those that `save_field` wrote, and those that users bring.
 
-Say from large-eddy simulations.
+A user's cube comes, for example, from a large-eddy simulation.
 """
 
 from __future__ import annotations
@@ -8,21 +8,69 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from thzcl.errors import FileError
+from thzcl.files import CUBE, digest, open_netcdf
+from thzcl.turbulence import cf
+
+if TYPE_CHECKING:
+    import h5py
+
 Span = tuple[float, float]
 
+VOXEL_M = (1e-4, 1e5)  # the limits of the key voxel_m
+FEWEST, MOST = 16, 512  # voxels along an edge, as the key grid
+SAME_VOXEL = 1e-6  # relative: two numbers that mean one edge
+SAME_STEP = 0.01  # relative: steps of coordinates, which are rounded, against that edge
+SAME_MEAN = 0.01  # relative: means of cube and scene that need no note
+# Times the scene's mean that a cube may hold: the fit in powers of their ratio, up to the eighth,
+# stays well within float32 (3e38).
+MOST_RATIO = 1e4
 
-class CubeError(ValueError):
-    """A humidity cube cannot be read or used; the text says why and what to do."""
+HUMIDITY = cf.Quantity(
+    "absolute_humidity",
+    "g/m3",
+    {
+        mass + volume: (factor, 0.0)
+        for mass, factor in (
+            *(("g", 1.0), ("gram", 1.0), ("grams", 1.0)),
+            *(("kg", 1e3), ("mg", 1e-3), ("ug", 1e-6), ("\N{GREEK SMALL LETTER MU}g", 1e-6)),
+        )
+        for volume in ("m-3", "/m3")
+    },
+    "g m-3, kg m-3, mg m-3 or ug m-3",
+    0.0,
+    4334.0,  # 2000 hPa of vapour at 100 K, as far as the keys of [atmosphere] go
+)
+TEMPERATURE = cf.Quantity(
+    "air_temperature",
+    "K",
+    {
+        **dict.fromkeys(("K", "kelvin", "Kelvin", "kelvins", "degK", "degreeK"), (1.0, 0.0)),
+        **dict.fromkeys(
+            (
+                *("C", "°C", "degC", "degc", "degreeC", "degreesC", "celsius", "Celsius"),
+                *("degreeCelsius", "degreesCelsius", "degreescelsius"),
+            ),
+            (1.0, 273.15),
+        ),
+    },
+    "K or degC",
+    100.0,  # the limits of the key temperature_k
+    400.0,
+)
 
 
 @dataclass(frozen=True)
 class CubeFile:
-    """A user's cube: where it is, its sizes, mean and spans."""
+    """A user's cube: where it is, its sizes, mean and spans, and its bytes' SHA-256.
+
+    `notes` tell what was taken for granted where the file does not say it.
+    """
 
     path: Path
     grid: int
@@ -30,78 +78,142 @@ class CubeFile:
     mean_g_m3: float
     humidity_span_g_m3: Span
     temperature_span_k: Span | None
+    digest: str
+    notes: tuple[str, ...]
+
+
+class _Content(NamedTuple):
+    """What a file holds; `voxel_m` as its attribute says, `steps_m` as its coordinates say."""
+
+    humidity: cf.Volume
+    temperature: cf.Volume | None
+    voxel_m: float | None
+    steps_m: tuple[float, ...]
 
 
 def inspect(path: Path, voxel_m: float | None) -> CubeFile:
-    """What a plan must know of a cube; nothing of it is kept. `voxel_m` is what the scene says of its voxels, if it does.
+    """Returns what a plan must know of a cube; none of its values are kept.
 
-    Raises CubeError for a cube that cannot be used.
+    `voxel_m` is what the scene says of its voxels, if it does. Raises FileError for a cube that
+    cannot be used.
     """
-    humidity, temperature, own_voxel = read(path)
-    if (
-        voxel_m is not None
-        and own_voxel is not None
-        and not math.isclose(voxel_m, own_voxel, rel_tol=1e-6)
-    ):
-        raise CubeError(
-            f"{path}: its voxels are {own_voxel:g} m, but voxel_m says {voxel_m:g} m; remove voxel_m"
-        )
-    edge = voxel_m or own_voxel
-    if edge is None:
-        raise CubeError(
-            f"{path}: does not say how large its voxels are; give voxel_m in [atmosphere.fluctuations]"
-        )
-    warmth = None if temperature is None else _span(temperature)
+    content = _load(path)
+    humidity, temperature = content.humidity, content.temperature
     return CubeFile(
         path,
-        humidity.shape[0],
-        edge,
-        float(humidity.mean(dtype=np.float64)),
-        _span(humidity),
-        warmth,
+        humidity.values.shape[0],
+        _edge(path, voxel_m, content),
+        float(humidity.values.mean(dtype=np.float64)),
+        _span(humidity.values),
+        None if temperature is None else _span(temperature.values),
+        digest(path, CUBE),
+        humidity.notes + (() if temperature is None else temperature.notes),
     )
 
 
 def read(path: Path) -> tuple[NDArray[Any], NDArray[Any] | None, float | None]:
-    """absolute_humidity (g/m3), air_temperature (K) or None, both (z, y, x).
+    """Returns absolute humidity in g/m3, air temperature in K or None, and the voxel's edge in m.
 
-    And the voxel's edge in m or None.
+    The cubes are (z, y, x); the edge is None if the file does not tell it. Raises FileError.
     """
-    import h5netcdf
-
-    try:
-        with h5netcdf.File(path, "r") as file:
-            if "absolute_humidity" not in file.variables:
-                raise CubeError(
-                    f"{path}: has no variable absolute_humidity(z, y, x) in g/m3; rename or convert yours"
-                )
-            variable = file.variables["absolute_humidity"]
-            humidity = np.asarray(variable[...])
-            other = file.variables.get("air_temperature")
-            temperature = None if other is None else np.asarray(other[...])
-            edge = float(variable.attrs["voxel_m"]) if "voxel_m" in variable.attrs else None
-    except OSError as error:
-        raise CubeError(
-            f"{path}: cannot be read: {error}; give a NetCDF-4 file with absolute_humidity(z, y, x)"
-        ) from None
-    _check(path, "absolute_humidity", humidity, humidity.shape)
-    if temperature is not None:
-        _check(path, "air_temperature", temperature, humidity.shape)
-    return humidity, temperature, edge
+    humidity, temperature, voxel_m, steps_m = _load(path)
+    edge = steps_m[0] if voxel_m is None and steps_m else voxel_m
+    return humidity.values, None if temperature is None else temperature.values, edge
 
 
-def _check(path: Path, name: str, values: NDArray[Any], shape: tuple[int, ...]) -> None:
+def mean_note(cube: CubeFile, mean_g_m3: float) -> str | None:
+    """Returns a note where a cube's mean is not the scene's; None where they agree to 1 %."""
+    own = cube.mean_g_m3
+    if abs(own - mean_g_m3) <= SAME_MEAN * mean_g_m3:
+        return None
+    return (
+        f"{cube.path}: the air is the cube's, {own:.4g} g/m3 in the mean, and not the scene's "
+        f"{mean_g_m3:.4g} g/m3; give absolute_humidity_g_m3 = {own:.4g}"
+    )
+
+
+def refuse_zero_mean(cube: CubeFile, mean_g_m3: float) -> None:
+    """Raises FileError where a scene's mean is 0, or too dry, to measure its cube by."""
+    wettest, own = cube.humidity_span_g_m3[1], cube.mean_g_m3
+    if mean_g_m3 > 0 and wettest <= MOST_RATIO * mean_g_m3:
+        return
+    remedy = (
+        f"give the cube's own mean: absolute_humidity_g_m3 = {own:.4g}"
+        if own > 0
+        else "give any mean above 0, say absolute_humidity_g_m3 = 0.001"
+    )
+    raise FileError(
+        f"{cube.path}: the cube holds up to {wettest:.4g} g/m3, and the scene's mean of "
+        f"{mean_g_m3:.4g} g/m3 is no measure for that; {remedy}"
+    )
+
+
+def _load(path: Path) -> _Content:
+    """Reads and checks a file. Raises FileError."""
+    with open_netcdf(path, CUBE) as file:
+        humidity = cf.dataset(str(path), file, HUMIDITY.name)
+        if humidity is None:
+            raise FileError(
+                f"{path}: has no variable absolute_humidity(z, y, x); rename or convert yours"
+            )
+        _check_shape(path, humidity)
+        temperature = cf.dataset(str(path), file, TEMPERATURE.name)
+        if temperature is not None and temperature.shape != humidity.shape:
+            raise FileError(
+                f"{path}: air_temperature has shape {temperature.shape}, absolute_humidity "
+                f"{humidity.shape}; they must agree"
+            )
+        voxel_m = cf.number(f"{path}: absolute_humidity", humidity, "voxel_m")
+        warmth = None if temperature is None else cf.read(str(path), temperature, TEMPERATURE)
+        content = cf.read(str(path), humidity, HUMIDITY)
+        return _Content(
+            content,
+            warmth,
+            None if voxel_m is None else _within(path, voxel_m),
+            content.steps_m,
+        )
+
+
+def _check_shape(path: Path, humidity: h5py.Dataset) -> None:
+    shape = humidity.shape
     n = shape[0] if len(shape) == 3 else 0
-    if set(shape) != {n} or n & (n - 1) or not 16 <= n <= 512:
-        raise CubeError(
-            f"{path}: {name} has shape {shape}; it must be a cube of 16, 32, ... 512 voxels along each edge"
+    if set(shape) != {n} or n & (n - 1) or not FEWEST <= n <= MOST:
+        raise FileError(
+            f"{path}: absolute_humidity has shape {shape}; it must be a cube of 16, 32, ... 512 "
+            "voxels along each edge"
         )
-    if values.shape != shape:
-        raise CubeError(
-            f"{path}: {name} has shape {values.shape}, absolute_humidity {shape}; they must agree"
+
+
+def _edge(path: Path, asked_m: float | None, content: _Content) -> float:
+    """Returns the voxels' edge in m, on which scene, attribute and coordinates must agree."""
+    sizes = [size for size in (asked_m, content.voxel_m, *content.steps_m) if size is not None]
+    if not sizes:
+        raise FileError(
+            f"{path}: does not say how large its voxels are; give voxel_m in "
+            "[atmosphere.fluctuations]"
         )
-    if not np.isfinite(values).all() or values.min() < 0:
-        raise CubeError(f"{path}: {name} holds negative or non-finite values; mend them")
+    edge, own = _within(path, sizes[0]), content.voxel_m
+    if own is not None and not math.isclose(edge, own, rel_tol=SAME_VOXEL):
+        raise FileError(
+            f"{path}: its voxels are {own:g} m, but voxel_m says {edge:g} m; remove voxel_m"
+        )
+    for step in content.steps_m:
+        if not math.isclose(step, edge, rel_tol=SAME_STEP):
+            raise FileError(
+                f"{path}: its coordinates have steps of {step:g} m, but the edge of its voxels is "
+                f"{edge:g} m; make them agree, and interpolate to voxels that are cubes"
+            )
+    return edge
+
+
+def _within(path: Path, edge: float) -> float:
+    """Returns the edge of a voxel in m. Raises FileError if it is beyond the key's limits."""
+    low, high = VOXEL_M
+    if not low <= edge <= high:
+        raise FileError(
+            f"{path}: its voxels are {edge:g} m; voxel_m must lie between {low:g} and {high:g} m"
+        )
+    return edge
 
 
 def _span(values: NDArray[Any]) -> Span:

@@ -15,7 +15,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from thzcl.scenario.scene import Atmosphere, Fluctuations
+from thzcl.scenario.atmosphere import Atmosphere, Fluctuations
 from thzcl.turbulence.spectrum_table import SpectrumTable
 
 Array = NDArray[np.float64]

@@ -1,9 +1,10 @@
-"""A measured spectrum in the place of a power law: from the density along a line to that of a three-dimensional field.
+"""A measured spectrum in the place of a power law: from density along a line to one in space.
 
-Of isotropic turbulence the three-dimensional density follows from the two-sided one-dimensional one: Phi(xi) =
--(1 / (2 pi xi)) dF/dxi, in cycles per metre as in radians per metre. Tatarskii (1971), "The effects of the turbulent atmosphere
-on wave propagation". A measured density scatters, and rises here and there; its slope must not: where values rise they are
-pooled into means (the closest falling sequence), and a monotone cubic in log-log runs through what remains.
+Of isotropic turbulence the three-dimensional density Phi follows from the two-sided density F along
+a line: Phi(xi) = -(1 / (2 pi xi)) dF/dxi, in cycles per metre as in radians per metre (Tatarskii
+1971, "The effects of the turbulent atmosphere on wave propagation"). A measured density scatters
+and rises here and there, which F must not: where values rise they are pooled into means (the
+closest falling sequence), and a monotone cubic in log-log runs through what remains.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from thzcl.errors import FileError
 from thzcl.files import read_table
 
 Array = NDArray[np.float64]
@@ -31,9 +33,9 @@ FLATTEST, STEEPEST = -0.05, -6.0  # slope there
 
 @dataclass(frozen=True)
 class SpectrumTable:
-    """One-sided density of absolute humidity along a line, (g/m3)^2 m.
+    """One-sided density of absolute humidity along a line in (g/m3)^2 m, by frequency in cycles/m.
 
-    At spatial frequencies in cycles/m.
+    Frequencies ascend.
     """
 
     frequency: tuple[float, ...]
@@ -41,9 +43,9 @@ class SpectrumTable:
 
     @property
     def structure_constant(self) -> float:
-        """C_q^2 of the power law -5/3 through the table's upper decade, (g/m3)^2 m^(-2/3).
+        """Returns C_q^2 of the power law -5/3 through the upper decade, (g/m3)^2 m^(-2/3).
 
-        The mean of the logarithm.
+        It is the mean over the points of that decade, in logarithms.
         """
         x, y = self._points
         upper = x >= x[-1] - math.log(10)
@@ -51,12 +53,12 @@ class SpectrumTable:
 
     @cached_property
     def _points(self) -> tuple[Array, Array]:
-        """Logarithms of frequency and density, falling throughout."""
+        """Returns the logarithms of frequency and of density, which falls throughout."""
         return pooled(np.log(self.frequency), np.log(self.density))
 
     @cached_property
     def _curve(self) -> tuple[Any, tuple[float, float]]:
-        """The monotone cubic through the points, and the slopes before and beyond it."""
+        """Returns the monotone cubic through the points, and the slopes before and beyond it."""
         from scipy.interpolate import PchipInterpolator
 
         x, y = self._points
@@ -68,9 +70,9 @@ class SpectrumTable:
         return PchipInterpolator(x, y), (first, last)
 
     def along(self, frequency: Array) -> tuple[Array, Array]:
-        """The smooth one-sided density (n,) in (g/m3)^2 m along a line.
+        """Returns the smooth one-sided density along a line, (g/m3)^2 m, and its slope in log-log.
 
-        And its logarithmic slope (n,), which is negative.
+        Both are (n,), at frequencies (n,) in cycles/m; the slope is never positive.
         """
         (curve, ends), (x, _) = self._curve, self._points
         asked = np.log(frequency)
@@ -81,18 +83,18 @@ class SpectrumTable:
         return np.exp(curve(inside) + slope * (asked - inside)), np.minimum(slope, 0.0)
 
     def density_in_space(self, frequency: Array) -> Array:
-        """Three-dimensional density (n,), (g/m3)^2 m^3, at spatial frequencies in cycles/m.
+        """Returns the density in space (n,), (g/m3)^2 m^3, at spatial frequencies in cycles/m.
 
-        Never negative.
+        It is never negative.
         """
         one_sided, slope = self.along(frequency)
         return np.asarray(-slope * one_sided / 2 / (2 * np.pi * frequency**2))
 
 
 def pooled(x: Array, y: Array) -> tuple[Array, Array]:
-    """The closest falling sequence (pool adjacent violators): where y rises with x.
+    """Returns the closest falling sequence y(x), by pooling adjacent violators.
 
-    Both are averaged.
+    Where y rises with x, both are replaced by their means.
     """
     blocks: list[tuple[float, float, int]] = []
     for here, value in zip(x.tolist(), y.tolist(), strict=True):
@@ -110,22 +112,25 @@ def pooled(x: Array, y: Array) -> tuple[Array, Array]:
 
 
 def read(path: Path) -> SpectrumTable:
-    """A CSV of spatial frequency (cycles/m) and one-sided density ((g/m3)^2 m).
+    """Reads a CSV of spatial frequency in cycles/m and one-sided density in (g/m3)^2 m.
 
-    Raises ValueError for what is none.
+    Raises FileError for a file that holds no spectrum.
     """
     rows = read_table(path)
     if rows.shape[1] != 2 or len(rows) < FEWEST:
-        text = f"{len(rows)} rows of {rows.shape[1]} columns; give {FEWEST} rows at least of spatial frequency and density"
-        raise ValueError(f"{path}: {text}")
+        raise FileError(
+            f"{path}: {len(rows)} rows of {rows.shape[1]} columns; give {FEWEST} rows at least of "
+            "spatial frequency and density"
+        )
     frequency, density = rows.T
-    if not (np.isfinite(rows).all() and (rows > 0).all() and (np.diff(frequency) > 0).all()):
-        raise ValueError(
-            f"{path}: spatial frequencies must be above 0 and ascend, densities be above 0; mend them"
+    if not ((rows > 0).all() and (np.diff(frequency) > 0).all()):
+        raise FileError(
+            f"{path}: spatial frequencies must be above 0 and ascend, densities be above 0; "
+            "mend them"
         )
-    table = SpectrumTable(tuple(frequency.tolist()), tuple(density.tolist()))
     if len(pooled(np.log(frequency), np.log(density))[0]) < 2:
-        raise ValueError(
-            f"{path}: the density does not fall with spatial frequency; no isotropic field has such a spectrum"
+        raise FileError(
+            f"{path}: the density does not fall with spatial frequency; no isotropic field has "
+            "such a spectrum, give one that falls"
         )
-    return table
+    return SpectrumTable(tuple(frequency.tolist()), tuple(density.tolist()))

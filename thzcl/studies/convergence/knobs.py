@@ -289,12 +289,12 @@ def stride(subject: Subject) -> Knob:
 def fft(subject: Subject) -> Knob:
     """The library that transforms the field."""
     source = _fluctuating(subject)
-    usual = subject.device.usual_library(source.grid)
+    usual = subject.device.usual_library
 
     def run(library: str, clock: Clock) -> Contrasts:
         return subject.contrasts(subject.plan, clock, partial(compute.make_field, library=library))
 
-    libraries = ("numpy", "scipy", "reikna") if subject.device.in_place else ("reikna",)
+    libraries = ("scipy", "reikna") if subject.device.in_place else ("reikna",)
     settings = [Setting(name, name == usual, partial(run, name)) for name in libraries]
     return Knob("fft", ("humidity-field",), tuple(settings), partial(_exact, subject))
 

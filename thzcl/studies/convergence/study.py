@@ -18,7 +18,7 @@ from typing import Any
 import thzcl
 from thzcl.clock import Clock
 from thzcl.files import write_whole
-from thzcl.scenario import ScenarioError
+from thzcl.errors import ScenarioError
 from thzcl.studies.convergence.knobs import KNOBS, Knob, MeaninglessError, Setting
 from thzcl.studies.convergence.subject import Subject, errors
 

@@ -1,4 +1,4 @@
-"""The cases: air that is deep, thin, cold, hot, wet, dry, near and far; surfaces from 0 K to 1e18 K; odd cameras.
+"""The cases: air that is deep, thin, cold, hot, wet, dry; surfaces from 0 K to 1e18 K; odd cameras.
 
 Every bound is relative to a quantity that the case makes non-zero, and has its reason here.
 """
@@ -12,62 +12,61 @@ from typing import Any
 from thzcl.studies.stress import judges
 from thzcl.studies.stress.trial import DOUBLE, SINGLE, Case, Judge
 
+Judged = tuple[Judge, Mapping[str, float]]
+Changes = dict[str, Any]
+
 # A crossing is placed to a rounding or two of float32 (6e-8), and ten to ten thousand of them add
 # up at random.
 ROUNDED = {SINGLE: 1e-6, DOUBLE: 1e-12}
-EMITTED = {
-    SINGLE: 1e-6,
-    DOUBLE: 1e-9,
-}  # in float64 the polynomials of absorption in two variables are what limits
-NOTHING = {SINGLE: 0.0, DOUBLE: 0.0}  # a difference of equals is exactly zero
-NEGLIGIBLE = {SINGLE: 1.2e-7}  # exp(-16): what a ray past its cut-off may still show
-RESOLVED = {SINGLE: 1e-5}  # of what the path lets through: what a band's quadrature is asked for
-FITTED = {
-    SINGLE: 1e-6,
-    DOUBLE: 1e-6,
-}  # humidity over its whole range: the polynomial of degree 16 is what limits
-FAR = {SINGLE: 1e-6, DOUBLE: 1e-9}  # a million metres are known to 1e-10 m, the path has 30 m
-STORED = {
-    SINGLE: 1e-6,
-    DOUBLE: 1e-9,
-}  # of a contrast in kelvin; 290.000001 K itself is known to 6e-14 K
+# In float64 the polynomials of absorption in two variables are what limits.
+EMITTED = {SINGLE: 1e-6, DOUBLE: 1e-9}
+# Humidity reaches over its whole range: the polynomial of degree 16 is what limits.
+FITTED = {SINGLE: 1e-6, DOUBLE: 1e-6}
+# A million metres are known to 1e-10 m, and the path has 30 m.
+FAR = {SINGLE: 1e-6, DOUBLE: 1e-9}
+# A contrast of a microkelvin: 290.000001 K itself is known to 6e-14 K.
+STORED = {SINGLE: 1e-6, DOUBLE: 1e-9}
+# What a band's quadrature is asked for, of what the path lets through.
+RESOLVED = {SINGLE: 1e-5}
+# What a ray past its cut-off may still show: exp(-16).
+NEGLIGIBLE = {SINGLE: 1.2e-7}
+# A difference of equals is exactly zero.
+NOTHING = {SINGLE: 0.0, DOUBLE: 0.0}
 
-Judged = tuple[Judge, Mapping[str, float]]
-DEPTH: Judged = (judges.depth, ROUNDED)
-PASSED: Judged = (judges.passed, ROUNDED)
-EVERYTHING: dict[str, Judged] = {"depth": DEPTH, "passed": PASSED}
-
-
-def _within(bounds: Mapping[str, float]) -> dict[str, Judged]:
-    """Depth and contrast within other bounds."""
-    return {"depth": (judges.depth, bounds), "passed": (judges.passed, bounds)}
-
-
-WARM: dict[str, Judged] = {
-    "depth": (judges.depth, EMITTED),
-    "emitted": (judges.emitted, EMITTED),
-    "outside": (judges.outside, NOTHING),
-}
+AIR, FLUCTUATIONS, CAMERA, BACKGROUND = (
+    "atmosphere",
+    "atmosphere.fluctuations",
+    "camera",
+    "background",
+)
 DEEPEST = {"numerics.cutoff_depth": 1e9}  # no cut-off at all
-AIR, FLUCTUATIONS, CAMERA = "atmosphere", "atmosphere.fluctuations", "camera"
-LINES = (
-    (183.31, 500.0),
-    (556.936, 5.0),
-    (752.033, 5.0),
-    (987.927, 5.0),
-)  # GHz, and m of air 10 deep and more
-SOURCES = (0.0, 2.7, 3000.0, 1e6, 1e18)  # K
+# Lines in GHz, and so many metres of saturated air that they are 10 deep and more.
+LINES = ((183.31, 500.0), (556.936, 5.0), (752.033, 5.0), (987.927, 5.0))
+SOURCES_K = (0.0, 2.7, 3000.0, 1e6, 1e18)
 WALL = {
     "kind": "box",
     "center_m": [30.3, 0.0, 0.0],
     "size_m": [20.0, 200.0, 200.0],
     "temperature_k": 310.0,
 }
-LEVEL = {"camera.position_m": [0.3, -0.2, 2.1], "camera.look_at_m": [9.3, -0.2, 2.1]}
+
+
+def _within(bounds: Mapping[str, float]) -> dict[str, Judged]:
+    """Returns the judges of depth and contrast in isothermal air, with their bounds."""
+    return {"depth": (judges.depth, bounds), "passed": (judges.passed, bounds)}
+
+
+DEPTH: dict[str, Judged] = {"depth": (judges.depth, ROUNDED)}
+EVERYTHING = _within(ROUNDED)
+WARM: dict[str, Judged] = {
+    "depth": (judges.depth, EMITTED),
+    "emitted": (judges.emitted, EMITTED),
+    "outside": (judges.outside, NOTHING),
+}
 
 
 def cases() -> list[Case]:
-    """Every case, in the order of the table."""
+    """Returns every case, in the order of the table."""
     return [
         *_saturated(),
         *_contrasts(),
@@ -81,184 +80,172 @@ def cases() -> list[Case]:
 
 
 def _saturated() -> list[Case]:
-    found = []
-    for line, voxel in LINES:
-        scene = _line(line, voxel)
-        found.append(Case(f"{line:g} GHz saturated at 50 degC", scene | DEEPEST, {"depth": DEPTH}))
-        warm = scene | DEEPEST | {f"{FLUCTUATIONS}.temperature_sigma_k": 3.0}
-        found.append(Case(f"{line:g} GHz saturated, 3 K of fluctuation", warm, WARM))
-    cut = _line(556.936, 0.05) | {"background.max_range_m": 12.0}
-    found.append(Case("ray cut off at a depth of 16", cut, {"passed": (judges.passed, NEGLIGIBLE)}))
-    bright = {"background.temperature_k": 1e18, "background.max_range_m": 1700.0}
-    found.append(
-        Case(
-            "1e18 K behind a depth of 38",
-            bright,
-            {"depth": DEPTH, "faint": (judges.faint, ROUNDED)},
-        )
-    )
-    return found
+    listed = []
+    for line, voxel_m in LINES:
+        scene = _line(line, voxel_m) | DEEPEST
+        warm = scene | {f"{FLUCTUATIONS}.temperature_sigma_k": 3.0}
+        listed.append(Case(f"{line:g} GHz saturated at 50 degC", scene, DEPTH))
+        listed.append(Case(f"{line:g} GHz saturated, 3 K of fluctuation", warm, WARM))
+    cut = _line(556.936, 0.05) | {f"{BACKGROUND}.max_range_m": 12.0}
+    bright = {f"{BACKGROUND}.temperature_k": 1e18, f"{BACKGROUND}.max_range_m": 1700.0}
+    past: dict[str, Judged] = {"passed": (judges.passed, NEGLIGIBLE)}
+    faint = DEPTH | {"faint": (judges.faint, ROUNDED)}
+    return [
+        *listed,
+        Case("ray cut off at a depth of 16", cut, past),
+        Case("1e18 K behind a depth of 38", bright, faint),
+    ]
 
 
-def _line(line: float, voxel: float) -> dict[str, Any]:
+def _line(line_ghz: float, voxel_m: float) -> Changes:
     return {
         f"{AIR}.temperature_k": 323.15,
         f"{AIR}.relative_humidity_percent": 100.0,
-        f"{FLUCTUATIONS}.voxel_m": voxel,
-        "background.max_range_m": 60 * voxel,
-        "sensor.frequency_ghz": line,
+        f"{FLUCTUATIONS}.voxel_m": voxel_m,
+        f"{BACKGROUND}.max_range_m": 60 * voxel_m,
+        "sensor.frequency_ghz": line_ghz,
     }
+
+
+THIN = {
+    "sensor.frequency_ghz": 1.0,
+    f"{AIR}.pressure_hpa": 5.0,
+    f"{AIR}.relative_humidity_percent": 1.0,
+    f"{BACKGROUND}.max_range_m": 0.03,
+    f"{FLUCTUATIONS}.voxel_m": 1e-3,
+}
 
 
 def _contrasts() -> list[Case]:
-    thin = {
-        "sensor.frequency_ghz": 1.0,
-        f"{AIR}.pressure_hpa": 5.0,
-        f"{AIR}.relative_humidity_percent": 1.0,
-        "background.max_range_m": 0.03,
-        f"{FLUCTUATIONS}.voxel_m": 1e-3,
-    }
     equal = {
-        "background.temperature_k": 290.0,
+        f"{BACKGROUND}.temperature_k": 290.0,
         "ground.temperature_k": 290.0,
         "targets.wall": WALL | {"temperature_k": 290.0, "reflectivity": 0.3},
         f"{CAMERA}.pixels": [16, 12],
     }
     microkelvin = {"targets.wall": WALL | {"temperature_k": 290.000001}}
-    clear = {"atmosphere.model": "none", "targets.wall": WALL | {"temperature_k": 290.000001}}
-    walls = [
-        Case(f"target of {k:g} K", {"targets.wall": WALL | {"temperature_k": k}}, EVERYTHING)
-        for k in SOURCES
-    ]
+    clear = microkelvin | {f"{AIR}.model": "none"}
+    walls = {k: {"targets.wall": WALL | {"temperature_k": k}} for k in SOURCES_K}
     return [
-        Case("depth of 1e-12", thin, {"depth": DEPTH}),
+        Case("depth of 1e-12", THIN, DEPTH),
         Case("contrast of 1 microkelvin", microkelvin, {"passed": (judges.passed, STORED)}),
         Case("contrast of 1 microkelvin in clear air", clear, {"kelvin": (judges.warmth, STORED)}),
         Case("target, ground and air equal", equal, {"contrast": (judges.nothing, NOTHING)}),
-        *walls,
+        *(Case(f"target of {k:g} K", scene, EVERYTHING) for k, scene in walls.items()),
     ]
 
 
 def _airs() -> list[Case]:
+    wild = {f"{FLUCTUATIONS}.sigma_percent": 100.0}
     wet = {f"{AIR}.temperature_k": 330.0, f"{AIR}.relative_humidity_percent": 100.0} | DEEPEST
-    changes: dict[str, dict[str, Any]] = {
-        "1 GHz": {
-            "sensor.frequency_ghz": 1.0,
-            "background.max_range_m": 3e4,
-            f"{FLUCTUATIONS}.voxel_m": 400.0,
-        },
-        "1780 GHz": {
-            "sensor.frequency_ghz": 1780.0,
-            "background.max_range_m": 0.1,
-            f"{FLUCTUATIONS}.voxel_m": 0.01,
-        },
+    limited = wet | {f"{FLUCTUATIONS}.sigma_percent": 300.0}
+    low = {
+        "sensor.frequency_ghz": 1.0,
+        f"{BACKGROUND}.max_range_m": 3e4,
+        f"{FLUCTUATIONS}.voxel_m": 400.0,
+    }
+    high = {
+        "sensor.frequency_ghz": 1780.0,
+        f"{BACKGROUND}.max_range_m": 0.1,
+        f"{FLUCTUATIONS}.voxel_m": 0.01,
+    }
+    changes: dict[str, Changes] = {
+        "1 GHz": low,
+        "1780 GHz": high,
         "humidity 0": {f"{AIR}.relative_humidity_percent": 0.0},
         "sigma 0": {f"{FLUCTUATIONS}.sigma_percent": 0.0},
         "sigma 1e-6 %": {f"{FLUCTUATIONS}.sigma_percent": 1e-6},
-        "sigma 100 %": {f"{FLUCTUATIONS}.sigma_percent": 100.0},
-        "sigma 100 %, saturated at 330 K": wet | {f"{FLUCTUATIONS}.sigma_percent": 100.0},
+        "sigma 100 %": wild,
+        "sigma 100 %, saturated at 330 K": wet | wild,
         "supersaturated, 300 %": {f"{AIR}.relative_humidity_percent": 300.0},
         "pressure 1 hPa": {f"{AIR}.pressure_hpa": 1.0, f"{AIR}.relative_humidity_percent": 4.0},
         "pressure 1100 hPa": {f"{AIR}.pressure_hpa": 1100.0},
         "220 K": {f"{AIR}.temperature_k": 220.0},
         "330 K": {f"{AIR}.temperature_k": 330.0},
     }
-    limited = wet | {f"{FLUCTUATIONS}.sigma_percent": 300.0}
+    logarithm: dict[str, Judged] = {"logarithm": (judges.lognormal, {SINGLE: 1e-6})}
     return [
         *(Case(name, scene, EVERYTHING) for name, scene in changes.items()),
-        Case(
-            "sigma 100 %, humidity lognormal",
-            changes["sigma 100 %"],
-            {"logarithm": (judges.lognormal, {SINGLE: 1e-6})},
-        ),
+        Case("sigma 100 %, humidity lognormal", wild, logarithm),
         Case("sigma 300 %, vapour limited to the total pressure", limited, _within(FITTED)),
     ]
 
 
 def _bands() -> list[Case]:
-    judged: dict[str, Judged] = {
+    summed: dict[str, Judged] = {
         "transmission": (judges.band_transmission, RESOLVED),
         "contrast": (judges.band_contrast, RESOLVED),
     }
+    depth: dict[str, Judged] = {"depth": (judges.band_depth, ROUNDED)}
     sensor = {"kind": "passive-broadband", "center_ghz": 550.0, "bandwidth_ghz": 100.0}
+    gaussian = sensor | {"center_ghz": 556.936, "bandwidth_ghz": 30.0, "response": "gaussian"}
     even = {"sensor": sensor, f"{FLUCTUATIONS}.sigma_percent": 0.0, f"{CAMERA}.pixels": [1, 1]}
-    thin = even | {
+    through = {metres: even | {f"{BACKGROUND}.max_range_m": metres} for metres in (1e-6, 200.0)}
+    edges = even | {"sensor": gaussian, f"{BACKGROUND}.max_range_m": 100.0} | DEEPEST
+    narrow = even | {
         f"{AIR}.pressure_hpa": 1.0,
         f"{AIR}.relative_humidity_percent": 4.0,
-        "background.max_range_m": 1000.0,
+        f"{BACKGROUND}.max_range_m": 1000.0,
     }
-    gaussian = sensor | {"center_ghz": 556.936, "bandwidth_ghz": 30.0, "response": "gaussian"}
-    told: dict[str, Judged] = {"depth": (judges.band_depth, ROUNDED)}
     return [
-        Case("100 GHz band through a micrometre", even | {"background.max_range_m": 1e-6}, told),
-        Case(
-            "Gaussian band, clear at its edges only",
-            even | {"sensor": gaussian, "background.max_range_m": 100.0} | DEEPEST,
-            told,
-        ),
-        Case("100 GHz band at 1 hPa, lines of a few MHz", thin, judged),
-        Case(
-            "100 GHz band around a saturated line", even | {"background.max_range_m": 200.0}, judged
-        ),
+        Case("100 GHz band through a micrometre", through[1e-6], depth),
+        Case("Gaussian band, clear at its edges only", edges, depth),
+        Case("100 GHz band at 1 hPa, lines of a few MHz", narrow, summed),
+        Case("100 GHz band around a saturated line", through[200.0], summed),
     ]
+
+
+FINE = {f"{BACKGROUND}.max_range_m": 10.0, f"{FLUCTUATIONS}.voxel_m": 1e-3}
 
 
 def _sizes() -> list[Case]:
-    needle = {f"{CAMERA}.focal_plane_mm": [_plane(0.01), 0.001]}
+    needle = FINE | {f"{CAMERA}.focal_plane_mm": [_plane_mm(0.01), 0.001]}
+    short = {f"{BACKGROUND}.max_range_m": 1e-3, f"{FLUCTUATIONS}.voxel_m": 1e-3}
     far = {
         "sensor.frequency_ghz": 1.0,
-        "background.max_range_m": 1e5,
+        f"{BACKGROUND}.max_range_m": 1e5,
         f"{FLUCTUATIONS}.voxel_m": 1000.0,
     }
-    fine = {"background.max_range_m": 10.0, f"{FLUCTUATIONS}.voxel_m": 1e-3}
+    away = 1234567.89
+    moved = {
+        f"{CAMERA}.position_m": [away, -away, 2.1],
+        f"{CAMERA}.look_at_m": [away + 9, -away + 3.6, 4.0],
+    }
+    small, large = ({f"{FLUCTUATIONS}.grid": grid} for grid in (16, 256))
     return [
         Case("100 km through voxels of 1 km", far, EVERYTHING),
-        Case(
-            "1 mm through voxels of 1 mm",
-            {"background.max_range_m": 1e-3, f"{FLUCTUATIONS}.voxel_m": 1e-3},
-            EVERYTHING,
-        ),
-        Case("10 m through voxels of 1 mm, field of view 0.01 deg", fine | needle, EVERYTHING),
-        Case("grid 16", {f"{FLUCTUATIONS}.grid": 16}, EVERYTHING),
-        Case("grid 256", {f"{FLUCTUATIONS}.grid": 256}, {"depth": (judges.depth, {SINGLE: 1e-6})}),
-        Case("camera 1000 km from the origin", _moved(1234567.89), _within(FAR)),
+        Case("1 mm through voxels of 1 mm", short, EVERYTHING),
+        Case("10 m through voxels of 1 mm, field of view 0.01 deg", needle, EVERYTHING),
+        Case("grid 16", small, EVERYTHING),
+        Case("grid 256", large, {"depth": (judges.depth, {SINGLE: 1e-6})}),
+        Case("camera 1000 km from the origin", moved, _within(FAR)),
     ]
 
 
-def _plane(degrees: float) -> float:
-    """Width of the focal plane, mm, behind 30 mm of focal length."""
+def _plane_mm(degrees: float) -> float:
+    """Returns the width of the focal plane, mm, of such a field of view behind 30 mm."""
     return 60 * math.tan(math.radians(degrees / 2))
-
-
-def _moved(metres: float) -> dict[str, Any]:
-    return {
-        f"{CAMERA}.position_m": [metres, -metres, 2.1],
-        f"{CAMERA}.look_at_m": [metres + 9, -metres + 3.6, 4.0],
-    }
 
 
 def _cameras() -> list[Case]:
     corner = {
-        f"{CAMERA}.position_m": [2.8, 1.4, 2.1],  # whole multiples of the voxel
+        f"{CAMERA}.position_m": [2.8, 1.4, 2.8],  # whole multiples of the voxel, exactly
         f"{CAMERA}.pixels": [3, 3],
         f"{CAMERA}.up": [0.0, 0.6, 0.8],
         f"{FLUCTUATIONS}.grid_orientation": "aligned",
     }
-    looks = {
-        "along an axis": [10.5, 1.4, 2.1],
-        "against an axis": [-10.5, 1.4, 2.1],
-        "along a face's diagonal": [10.5, 9.1, 2.1],
-        "along the cube's diagonal": [10.5, 9.1, 9.8],
-        "straight up": [2.8, 1.4, 12.1],
+    look_at_m = {
+        "along an axis": [10.5, 1.4, 2.8],
+        "against an axis": [-10.5, 1.4, 2.8],
+        "along a face's diagonal": [10.5, 9.1, 2.8],
+        "along the cube's diagonal": [10.5, 9.1, 10.5],
+        "straight up": [2.8, 1.4, 12.8],
     }
-    found = [
-        Case(f"from a voxel's corner {name}", corner | {f"{CAMERA}.look_at_m": look}, EVERYTHING)
-        for name, look in looks.items()
-    ]
+    looks = {name: corner | {f"{CAMERA}.look_at_m": point} for name, point in look_at_m.items()}
     row = {f"{CAMERA}.pixels": [4096, 1], f"{CAMERA}.focal_plane_mm": [6.0, 0.01]}
-    wide = {f"{CAMERA}.pixels": [16, 2], f"{CAMERA}.focal_plane_mm": [_plane(170.0), 0.001]}
+    wide = {f"{CAMERA}.pixels": [16, 2], f"{CAMERA}.focal_plane_mm": [_plane_mm(170.0), 0.001]}
     return [
-        *found,
+        *(Case(f"from a voxel's corner {name}", look, EVERYTHING) for name, look in looks.items()),
         Case("image of 1 x 1", {f"{CAMERA}.pixels": [1, 1]}, EVERYTHING),
         Case("image of 4096 x 1", row, _within({SINGLE: 1e-6})),
         Case("field of view 170 deg", wide, EVERYTHING),
@@ -266,10 +253,13 @@ def _cameras() -> list[Case]:
 
 
 def _sensors() -> list[Case]:
-    active = {"kind": "active", "frequency_ghz": 650.0, "dynamic_range_db": 200.0}
-    mirror = {
-        "targets.wall": WALL
-        | {"reflectivity": 1.0, "center_m": [760.3, 0.0, 0.0], "size_m": [20.0, 2e3, 2e3]}
+    mirror = {"reflectivity": 1.0, "center_m": [760.3, 0.0, 0.0], "size_m": [20.0, 2e3, 2e3]}
+    echoes = {
+        f"{CAMERA}.position_m": [0.3, -0.2, 2.1],
+        f"{CAMERA}.look_at_m": [9.3, -0.2, 2.1],
+        f"{BACKGROUND}.max_range_m": 900.0,
+        "targets.wall": WALL | mirror,
+        "sensor": {"kind": "active", "frequency_ghz": 650.0, "dynamic_range_db": 200.0},
     }
     quiet = {
         "kind": "passive-broadband",
@@ -277,44 +267,26 @@ def _sensors() -> list[Case]:
         "bandwidth_ghz": 100.0,
         "noise_equivalent_power_w_rthz": 0.0,
     }
-    even = {
-        "sensor": quiet,
-        "background.temperature_k": 290.0,
-    }  # at one temperature, whatever humidity does
+    # At one temperature the image is even, whatever humidity does.
+    even = {"sensor": quiet, f"{BACKGROUND}.temperature_k": 290.0}
+    deep = "dynamic range 200 dB, out and back through a depth of 17"
     return [
-        Case(
-            "dynamic range 200 dB, out and back through a depth of 17",
-            mirror | LEVEL | {"sensor": active, "background.max_range_m": 900.0},
-            {"decibels": (judges.decibels, ROUNDED)},
-        ),
+        Case(deep, echoes, {"decibels": (judges.decibels, ROUNDED)}),
         Case("NEP 0", even, {"noise": (judges.noise, NOTHING)}),
     ]
 
 
 def _warm() -> list[Case]:
-    fine = {
-        "background.max_range_m": 10.0,
-        f"{FLUCTUATIONS}.voxel_m": 1e-3,
-        f"{FLUCTUATIONS}.temperature_sigma_k": 2.0,
+    level = {f"{BACKGROUND}.temperature_k": 290.0}
+    by = {k: {f"{FLUCTUATIONS}.temperature_sigma_k": k} for k in (1e-4, 1.0, 2.0, 20.0)}
+    wild = by[20.0] | {f"{FLUCTUATIONS}.correlation_tq": 0.5}
+    faint: dict[str, Judged] = {
+        "depth": (judges.depth, EMITTED),
+        "emitted": (judges.faintly_emitted, EMITTED),
     }
-    tiny = {"background.temperature_k": 290.0, f"{FLUCTUATIONS}.temperature_sigma_k": 1e-4}
-    thin = {
-        "background.temperature_k": 290.0,
-        "sensor.frequency_ghz": 1.0,
-        f"{AIR}.pressure_hpa": 5.0,
-        f"{AIR}.relative_humidity_percent": 1.0,
-        "background.max_range_m": 0.03,
-        f"{FLUCTUATIONS}.voxel_m": 1e-3,
-        f"{FLUCTUATIONS}.temperature_sigma_k": 1.0,
-    }
-    wild = {f"{FLUCTUATIONS}.temperature_sigma_k": 20.0, f"{FLUCTUATIONS}.correlation_tq": 0.5}
     return [
         Case("temperature fluctuating by 20 K", wild, WARM),
-        Case("temperature fluctuating by 0.1 mK", tiny, WARM),
-        Case("temperature fluctuating, 10 m through voxels of 1 mm", fine, WARM),
-        Case(
-            "temperature fluctuating, depth of 1e-12",
-            thin,
-            {"depth": (judges.depth, EMITTED), "emitted": (judges.faintly_emitted, EMITTED)},
-        ),
+        Case("temperature fluctuating by 0.1 mK", level | by[1e-4], WARM),
+        Case("temperature fluctuating, 10 m through voxels of 1 mm", FINE | by[2.0], WARM),
+        Case("temperature fluctuating, depth of 1e-12", THIN | level | by[1.0], faint),
     ]

@@ -1,7 +1,4 @@
-"""Runs cases and judges them: what was measured, what it should be, and the error.
-
-Of a quantity that is not zero.
-"""
+"""Runs cases and judges them: what was measured, what it should be, and the error."""
 
 from __future__ import annotations
 
@@ -16,46 +13,59 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from thzcl import pipeline, scenario
-from thzcl.clock import Progress
-from thzcl.plan.checks import NumbersError
-from thzcl.plugins import loader as plugins
+from thzcl import pipeline
+from thzcl.clock import Clock, Progress
+from thzcl.device.choose import open_device
+from thzcl.device.opencl import Device
+from thzcl.errors import NumbersError
 from thzcl.results.result import Result
-from thzcl.scenario import Scene, toml
+from thzcl.scenario.scene import Scene
 from thzcl.sensor import Echoes, Image, Radiances
-from thzcl.studies.stress.reference import Truth, truth
+from thzcl.studies.stress.truth import Truth, truth
 
 Array = NDArray[np.float64]
 SINGLE, DOUBLE = "float32", "float64"
 
-BASE: dict[str, Any] = {
-    "camera": {
-        "position_m": [0.3, -0.2, 2.1],
-        "look_at_m": [9.3, 3.4, 4.0],
-        "focal_length_mm": 30.0,
-        "focal_plane_mm": [6.0, 4.0],
-        "pixels": [3, 2],
-    },
-    "atmosphere": {
-        "temperature_k": 290.0,
-        "relative_humidity_percent": 70.0,
-        "fluctuations": {"sigma_percent": 20.0, "voxel_m": 0.7, "grid": 16, "seed": 3},
-    },
-    "background": {"temperature_k": 310.0, "max_range_m": 30.0},
-    "sensor": {"kind": "passive-spectral", "frequency_ghz": 650.0},
-    "output": {"save_field": True},
-}
+BASE = """\
+[camera]
+position_m = [0.3, -0.2, 2.1]
+look_at_m = [9.3, 3.4, 4.0]
+focal_length_mm = 30.0
+focal_plane_mm = [6.0, 4.0]
+pixels = [3, 2]
+
+[atmosphere]
+temperature_k = 290.0
+relative_humidity_percent = 70.0
+
+[atmosphere.fluctuations]
+sigma_percent = 20.0
+voxel_m = 0.7
+grid = 16
+seed = 3
+
+[background]
+temperature_k = 310.0
+max_range_m = 30.0
+
+[sensor]
+kind = "passive-spectral"
+frequency_ghz = 650.0
+
+[output]
+save_field = true
+"""
 
 
 class Measurement(NamedTuple):
-    """A number, what it should be, and how far off the worst of its kind is.
-
-    Relative to what the case makes non-zero.
-    """
+    """A number, what it should be, and the error relative to a quantity that is not zero."""
 
     measured: float
     reference: float
     error: float
+
+
+NOT_FINITE = Measurement(math.nan, math.nan, math.inf)
 
 
 @dataclass(frozen=True)
@@ -72,12 +82,12 @@ class Run:
 
     @property
     def radiances(self) -> Radiances:
-        """The same, of a passive sensor."""
+        """What reaches the pixels of a passive sensor."""
         return self.result.variants[0].radiances
 
     @property
     def image(self) -> Image:
-        """What the sensor made of it."""
+        """What the sensor made of it. Raises ValueError if the sensor failed."""
         image = self.result.variants[0].image
         if image is None:
             raise ValueError("the sensor failed")
@@ -85,7 +95,7 @@ class Run:
 
     @cached_property
     def truth(self) -> Truth:
-        """What should reach them."""
+        """What should reach the pixels."""
         cube = self.result.cubes[0] if self.result.cubes else None
         return truth(self.scene, self.sight.frequency_hz, cube)
 
@@ -95,9 +105,9 @@ Judge = Callable[[Run], Measurement]
 
 @dataclass(frozen=True)
 class Case:
-    """Changes to the base scene, by dotted key, and what is to hold of the run: by name, a judge and its bounds.
+    """Changes to the base scene, by dotted key, and the judges of its run with their bounds.
 
-    Bounds are by precision, and those that are named are run.
+    Bounds are by precision; the case is run in each precision that any judge has a bound for.
     """
 
     name: str
@@ -106,74 +116,79 @@ class Case:
 
     @property
     def precisions(self) -> list[str]:
-        """Those that any judge has a bound for."""
-        return [
-            p for p in (SINGLE, DOUBLE) if any(p in bounds for _, bounds in self.judges.values())
-        ]
+        """The precisions in which the case is run."""
+        bounded = {precision for _, bounds in self.judges.values() for precision in bounds}
+        return [precision for precision in (SINGLE, DOUBLE) if precision in bounded]
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """One line of the table; numbers are null in JSON where they are not finite."""
+    """One line of the table: one judge's measurement of one case in one precision."""
 
     case: str
-    name: str
+    judge: str
+    precision: str
     measured: float
     reference: float
     error: float
     bound: float
 
     @property
+    def name(self) -> str:
+        """The line's name in the table."""
+        return f"{self.case}: {self.judge}, {self.precision}"
+
+    @property
     def passed(self) -> bool:
-        """Whether the error is within the bound; what is not a number is not."""
+        """Whether the error is within the bound; NaN never is."""
         return self.error <= self.bound
 
     def record(self) -> dict[str, Any]:
-        """For JSON."""
+        """Returns the line for JSON, in which numbers that are not finite are null."""
         numbers = {key: getattr(self, key) for key in ("measured", "reference", "error", "bound")}
         finite = {key: value if math.isfinite(value) else None for key, value in numbers.items()}
         return {"name": self.name} | finite | {"passed": self.passed}
 
 
 def worst(measured: ArrayLike, reference: ArrayLike, scale: ArrayLike | None = None) -> Measurement:
-    """The value that is farthest off, relative to `scale`, by default to the reference itself."""
-    found, right = np.broadcast_arrays(
+    """Returns the value farthest off, relative to `scale` or, without one, to the reference."""
+    values, right = np.broadcast_arrays(
         np.asarray(measured, dtype=np.float64), np.asarray(reference, dtype=np.float64)
     )
+    relative_to = right if scale is None else np.broadcast_to(scale, right.shape)
     with np.errstate(divide="ignore", invalid="ignore"):
-        error = np.abs(found - right) / np.abs(
-            right if scale is None else np.broadcast_to(scale, right.shape)
-        )
+        error = np.abs(values - right) / np.abs(relative_to)
     error = np.where(np.isnan(error), np.inf, error)
     at = np.unravel_index(int(error.argmax()), error.shape)
-    return Measurement(float(found[at]), float(right[at]), float(error[at]))
+    return Measurement(float(values[at]), float(right[at]), float(error[at]))
 
 
 def examine(
     cases: Iterable[Case], device: str | None = None, progress: Progress | None = None
 ) -> Iterator[Outcome]:
-    """Runs the cases in each precision and judges them.
+    """Runs the cases in each of their precisions, all on one device, and judges them.
 
-    Raises DeviceError without a usable device.
+    `device` chooses it by number or by a part of its name. Raises DeviceError if none is usable.
     """
+    opened = open_device(device)
     with tempfile.TemporaryDirectory() as folder:
         base = Path(folder) / "stress.toml"
-        base.write_text(toml.dumps(BASE), encoding="utf-8")
+        base.write_text(BASE, encoding="utf-8")
         for case in cases:
             for precision in case.precisions:
                 if progress:
                     progress(case.name)
-                yield from _examine(case, precision, base, device)
+                yield from _examine(case, precision, base, opened)
 
 
-def _examine(case: Case, precision: str, base: Path, device: str | None) -> Iterator[Outcome]:
-    settings = {**case.changes, "numerics.precision": precision}
-    scene = scenario.parse(scenario.read(base, settings), plugins.troubles).variants[0].scene
+def _examine(case: Case, precision: str, base: Path, device: Device) -> Iterator[Outcome]:
+    """Runs a case in one precision; where a number is not finite, every judgement fails."""
+    plan = pipeline.prepare(base, {**case.changes, "numerics.precision": precision})
     try:
-        run = Run(scene, pipeline.run(base, settings=settings, device=device, figure=False))
-    except NumbersError:  # a number that is not finite: failed, whatever is asked
+        run = Run(plan.variants[0].scene, pipeline.compute_images(plan, device, Clock()))
+    except NumbersError:
         run = None
     for name, (judge, bounds) in case.judges.items():
         if precision in bounds:
-            found = Measurement(math.nan, math.nan, math.inf) if run is None else judge(run)
-            yield Outcome(case.name, f"{case.name}: {name}, {precision}", *found, bounds[precision])
+            measurement = NOT_FINITE if run is None else judge(run)
+            yield Outcome(case.name, name, precision, *measurement, bounds[precision])

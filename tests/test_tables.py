@@ -1,0 +1,187 @@
+"""Tables: one renderer for the terminal, one for CSV, one for JSON, and all of them fit."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import os
+import pty
+import subprocess
+import sys
+
+import pytest
+from conftest import ROOT
+from hypothesis import given
+from hypothesis import strategies as st
+
+from thzcl.commands import terminal
+from thzcl.commands.tables import (
+    LONGEST_WORD,
+    Column,
+    Table,
+    as_csv,
+    as_records,
+    from_records,
+    show,
+)
+
+MIXED = Table(
+    "[sensor] kinds",
+    (Column("name"), Column("NEP", "W", ".2g"), Column("note")),
+    (("[bold]one[/bold]", 3e-11, "a; b"), ("two", None, "x" * 40)),
+)
+WORDS = st.text("abcdefgh_[]/:", min_size=1, max_size=LONGEST_WORD)
+NUMBERS = st.floats(allow_nan=False, allow_infinity=False) | st.integers(-(10**12), 10**12)
+
+
+@pytest.fixture
+def printed(monkeypatch, capsys):
+    """What is shown where there are so many columns."""
+
+    def call(columns, *tables):
+        monkeypatch.setenv("COLUMNS", str(columns))
+        show(*tables)
+        return capsys.readouterr().out
+
+    return call
+
+
+def test_a_table_is_the_same_in_every_form(printed):
+    rows = list(csv.reader(io.StringIO(as_csv(MIXED))))
+    assert rows[0] == ["name", "NEP", "note"]
+    assert rows[1:] == [["[bold]one[/bold]", "3e-11", "a; b"], ["two", "", "x" * 40]]
+    records = json.loads(json.dumps(as_records(MIXED)))
+    assert records[0] == {"name": "[bold]one[/bold]", "NEP": 3e-11, "note": "a; b"}
+    assert records[1]["NEP"] is None
+    shown = printed(100, MIXED)
+    for word in ("[sensor] kinds", "NEP / W", "[bold]one[/bold]", "3e-11", "a; b", "x" * 40):
+        assert word in shown
+
+
+def test_records_become_a_table_and_records_again():
+    records = [{"a": 1.5, "b": "x"}, {"a": None, "b": "y"}]
+    assert as_records(from_records(records)) == records
+
+
+def test_numbers_stand_to_the_right_and_text_to_the_left(printed):
+    table = Table("", (Column("n"), Column("text")), ((1, "40 m"), (1000, "8 m")))
+    lines = printed(60, table).splitlines()
+    assert [line.rstrip() for line in lines[-3:-1]] == ["    1  40 m", " 1000  8 m"]
+
+
+def test_an_empty_table_is_not_shown(printed):
+    assert printed(80, Table("nothing", (Column("a"),), ())) == ""
+
+
+@given(
+    names=st.lists(st.lists(WORDS, min_size=1, max_size=4).map(" ".join), min_size=3, max_size=7),
+    width=st.integers(60, 120),
+    data=st.data(),
+)
+def test_no_table_is_wider_than_it_may_be_and_no_short_word_or_number_is_broken(names, width, data):
+    cells = [
+        data.draw(st.lists(WORDS, min_size=1, max_size=6).map(" ".join)),
+        *(data.draw(NUMBERS) for _ in names[1:]),
+    ]
+    columns = (Column(names[0]), *(Column(name, form=".6g") for name in names[1:]))
+    table = Table("", columns, (tuple(cells),))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("COLUMNS", str(width))
+        out = io.StringIO()
+        patch.setattr(sys, "stdout", out)
+        show(table)
+    assert max(map(len, out.getvalue().splitlines())) <= width
+    shown = out.getvalue().split()
+    for word in (*cells[0].split(), *(f"{number:.6g}" for number in cells[1:])):
+        assert word in shown
+
+
+def test_a_table_too_wide_is_cut_and_its_keys_are_repeated(printed):
+    columns = tuple(Column(name * 20) for name in "abcdef")
+    row = tuple(name.upper() * 20 for name in "abcdef")
+    shown = printed(80, Table("", columns, (row,), keys=2))
+    assert shown.count("A" * 20) == shown.count("B" * 20) == shown.count("b" * 20) == 4
+    assert [shown.count(name * 20) for name in "CDEF"] == [1, 1, 1, 1]
+
+
+def test_a_heading_is_folded_before_a_cell_is(printed):
+    table = Table("", (Column("a b c d e f"), Column("note")), (("x y z", "1 2 3 4 5 6 7 8"),))
+    shown = printed(26, table)
+    assert "x y z" in shown
+    assert "1 2 3 4 5 6 7 8" in shown
+    assert "a b c d e f" not in shown
+
+
+COMMANDS = (
+    ("scenarios",),
+    ("sensors",),
+    ("sensors", "passive-broadband"),
+    ("absorption", "--frequency-ghz", "340", "--relative-humidity-percent", "50"),
+    ("plan", "figure7"),
+    ("devices",),
+    ("doctor",),
+    ("run", "figure7", "--no-figure", "--set", "camera.pixels=[8,8]"),
+)
+
+
+@pytest.mark.parametrize("arguments", COMMANDS, ids=lambda arguments: arguments[0])
+def test_commands_fit_eighty_columns_and_lose_no_letter(thzcl_command, arguments):
+    """Where a table is cut, its keys' letters come more often."""
+    narrow = thzcl_command(*arguments, env={"COLUMNS": "80"}).stdout
+    wide = thzcl_command(*arguments, env={"COLUMNS": "400"}).stdout
+    assert 60 < max(map(len, narrow.splitlines())) <= 80
+    for letter in set(wide) - set(" \n─.0123456789"):  # run times differ
+        assert narrow.count(letter) >= wide.count(letter), letter
+
+
+def test_in_a_pipe_nothing_is_folded(thzcl_command, monkeypatch):
+    monkeypatch.delenv("COLUMNS", raising=False)
+    lines = thzcl_command("scenarios").stdout.splitlines()
+    assert max(map(len, lines)) > 150
+
+
+def test_notes_are_folded_at_words(monkeypatch, capsys):
+    monkeypatch.setenv("COLUMNS", "40")
+    terminal.note("note: " + "word " * 30 + "/a/path/" + "x" * 50)
+    lines = capsys.readouterr().out.splitlines()
+    assert all(len(line) <= 40 for line in lines if "/a/path" not in line)
+    assert lines[-1].strip() == "/a/path/" + "x" * 50
+    assert " ".join(line.strip() for line in lines).count("word") == 30
+
+
+def test_a_manual_page_is_folded_but_not_its_indented_lines(monkeypatch, capsys):
+    monkeypatch.setenv("COLUMNS", "40")
+    terminal.page("title\n=====\n\n" + "word " * 30 + "\n\n    " + "code " * 20)
+    title, rule, _, *rest = capsys.readouterr().out.splitlines()
+    assert (title, rule) == ("title", "=====")
+    assert all(len(line) <= 40 for line in rest[:-1])
+    assert rest[-1] == "    " + "code " * 20
+
+
+def test_progress_shows_its_bar_on_a_terminal_as_it_is():
+    """The bar's brackets are no markup."""
+    code = (
+        "import time\n"
+        "from thzcl.commands.terminal import progress\n"
+        "with progress() as tell:\n"
+        "    tell('[#####...............] 5 of 20: trace'); time.sleep(0.5)"
+    )
+    ours, theirs = pty.openpty()
+    environment = os.environ | {"PYTHONPATH": str(ROOT), "TERM": "xterm", "COLUMNS": "80"}
+    with subprocess.Popen([sys.executable, "-c", code], stderr=theirs, env=environment) as child:
+        child.wait(60)
+    os.close(theirs)
+    shown = b""
+    while chunk := _read(ours):
+        shown += chunk
+    os.close(ours)
+    assert b"[#####...............] 5 of 20: trace" in shown
+
+
+def _read(terminal_end):
+    """What a terminal was sent; nothing once its other end is closed."""
+    try:
+        return os.read(terminal_end, 65536)
+    except OSError:
+        return b""

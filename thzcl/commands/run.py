@@ -1,0 +1,165 @@
+"""`thzcl run`: the images of a scenario."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from thzcl.commands.options import (
+    AllowOutside,
+    DeviceChoice,
+    Folder,
+    HowText,
+    Settings,
+    Source,
+    TextFormat,
+    Variants,
+    changes,
+)
+
+if TYPE_CHECKING:
+    from thzcl.clock import Progress
+    from thzcl.commands.tables import Table
+    from thzcl.results.result import Result
+
+
+def run(
+    scenario: Source,
+    output: Folder = Path(),
+    settings: Settings = None,
+    variant: Variants = None,
+    device: DeviceChoice = None,
+    allow_outside: AllowOutside = False,
+    no_figure: Annotated[bool, typer.Option("--no-figure", help="write no picture")] = False,
+    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="print nothing but errors")] = False,
+    how: HowText = TextFormat.text,
+) -> None:
+    """Compute the images of a scenario: DIR/<scenario>.nc and DIR/<scenario>.png."""
+    from thzcl import pipeline
+    from thzcl.commands.tables import show, show_json
+    from thzcl.commands.terminal import note, progress, wrote
+    from thzcl.files import make_folder
+    from thzcl.scenario.source import find
+
+    file = output / f"{find(scenario).stem}.nc"
+    make_folder(output)
+    with progress(quiet=quiet) as tell, _radiances_kept(file):
+        result = pipeline.run(
+            scenario,
+            settings=changes(settings),
+            variants=variant or (),
+            device=device,
+            figure=not no_figure,
+            allow_outside=allow_outside,
+            progress=tell,
+        )
+        files = _write(result, file, not no_figure, tell)
+    found = result.summary() | {"files": [str(file) for file in files]}
+    if how is TextFormat.json:
+        show_json(found)
+    elif not quiet:
+        show(*tables(found))
+        note(f"device: {found['device']}")
+        for warning in found["warnings"]:
+            note(f"note: {warning}")
+        wrote(found["files"])
+
+
+@contextmanager
+def _radiances_kept(file: Path) -> Iterator[None]:
+    """Keeps the radiances in a file if a sensor fails."""
+    from thzcl.errors import NumbersError
+
+    try:
+        yield
+    except NumbersError as failure:
+        failure.result.save(file)
+        kept = f"{failure}; the radiances are kept in {file}"
+        raise NumbersError(kept, failure.result) from failure
+
+
+def _write(result: Result, file: Path, figure: bool, tell: Progress) -> list[Path]:
+    """Writes the files of a result, and adds to its seconds how long that took."""
+    start = time.perf_counter()
+    tell("file")
+    files = [result.save(file)]
+    result.seconds["file"] = time.perf_counter() - start
+    if figure:
+        tell("figure")
+        files.append(result.figure(file.with_suffix(".png")))
+        result.seconds["figure"] = time.perf_counter() - start - result.seconds["file"]
+    return files
+
+
+def tables(found: dict[str, Any]) -> list[Table]:
+    """Returns the summary of a result as tables."""
+    from thzcl.commands.tables import Column, Table
+
+    return [
+        _targets(found),
+        _facts(found["variants"]),
+        Table(
+            "", (Column("stage"), Column("seconds", form=".3f")), tuple(found["seconds"].items())
+        ),
+        Table(
+            "",
+            (Column("left out"), Column("why")),
+            tuple((item["stage"], item["reason"]) for item in found["left_out"]),
+        ),
+        _budget(found["error_budget"]),
+    ]
+
+
+def _targets(found: dict[str, Any]) -> Table:
+    from thzcl.commands.tables import Column, Table
+
+    columns = (
+        Column("variant"),
+        Column("target"),
+        Column("pixels"),
+        Column("contrast to air", "K", "+.5g"),
+        Column("spread", "K", ".3g"),
+        Column("optical depth", form=".4g"),
+        Column("transmission", form=".4g"),
+    )
+    keys = ("pixels", "mean_contrast_k", "std_k", "optical_depth", "transmission")
+    rows = tuple(
+        (variant["name"], target, *(values[key] for key in keys))
+        for variant in found["variants"]
+        for target, values in variant["targets"].items()
+    )
+    return Table(f"{found['scenario']}, seed {found['seed']}", columns, rows, keys=2)
+
+
+def _facts(variants: list[dict[str, Any]]) -> Table:
+    from thzcl.commands.tables import Column, Table
+
+    columns = (Column("variant"), Column("of its image"), Column("value", form=".5g"))
+    rows = tuple(
+        (variant["name"], name, fact["value"], "" if fact["unit"] == "1" else fact["unit"])
+        for variant in variants
+        for name, fact in variant["facts"].items()
+    )
+    return Table("", (*columns, Column("unit")), rows, keys=2)
+
+
+def _budget(errors: dict[str, dict[str, Any]]) -> Table:
+    from thzcl.commands.tables import Column, Table
+
+    columns = (
+        Column("error of"),
+        Column("rms", form=".2g"),
+        Column("max", form=".2g"),
+        Column("unit"),
+        Column("rms over contrast", form=".2g"),
+    )
+    rows = tuple(
+        (part, error["rms"], error["max"], error["unit"], error.get("relative"))
+        for part, error in errors.items()
+    )
+    return Table("", columns, rows)

@@ -1,0 +1,307 @@
+"""Rays that are followed again: drawn from what an image shows, and walked through the cube."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from thzcl.air.expansion import Span
+from thzcl.device.opencl import Device
+from thzcl.error import twin
+from thzcl.error.twin import Path
+from thzcl.graph import Memory, Spec, Values, frozen
+from thzcl.paths.trace import Motion
+from thzcl.surfaces import camera
+from thzcl.surfaces import ends as ray_ends
+from thzcl.surfaces.camera import Raster
+from thzcl.surfaces.ends import EndsSpec, OutgoingSpec, RayEnds
+from thzcl.surfaces.geometry import ROTATIONS, Geometry
+from thzcl.turbulence.cube import Field
+from thzcl.turbulence.fields import AnyField
+
+Array = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+RAYS = 200  # that are followed again
+PIXELS = 32  # whose samples are doubled
+WORK = 60_000  # segments, times frequencies where temperature fluctuates, for fewer rays beyond
+FEWEST = 8
+
+
+@dataclass(frozen=True)
+class Way:
+    """Straight lines through the air, (ray, segment): lengths in m, and what is met there."""
+
+    length: Array
+    delta: Array
+    offset: Array | None  # departure from the mean temperature, K
+
+
+@dataclass(frozen=True)
+class Walked:
+    """Rays that were followed again: their numbers, weights of sum 1, and where they end.
+
+    `gain` (ray,) multiplies what comes back along each.
+    """
+
+    number: Integers
+    weight: Array
+    surface: NDArray[np.int32]
+    blend: Array
+    gain: Array
+    ways: tuple[Way, ...]  # the ray's own, and one from a transmitter
+
+    @cached_property
+    def _known(self) -> dict[Span, tuple[Path, ...]]:
+        return {}
+
+    def paths(self, span: Span) -> tuple[Path, ...]:
+        """Returns the ways as paths whose humidity lies within `span`; airs alike share them."""
+        if span not in self._known:
+            self._known[span] = tuple(
+                Path(way.length, way.delta, way.offset, span) for way in self.ways
+            )
+        return self._known[span]
+
+    def ended(self, ended: NDArray[np.bool_]) -> Walked:
+        """Returns rays of which those that the cut-off ended meet nothing."""
+        return replace(self, surface=np.where(ended, np.int32(0), self.surface))
+
+
+def affordable(mean_length_m: float, voxel_m: float, work: float) -> int:
+    """Returns how many rays can be followed again at little cost.
+
+    `mean_length_m` is that of all ways of a ray together, `work` how often each segment counts.
+    """
+    each = (1.7 * mean_length_m / voxel_m + 3) * work
+    return int(np.clip(WORK / each, FEWEST, RAYS))
+
+
+@dataclass(frozen=True)
+class Lines:
+    """Straight lines in the world: starts and unit directions (ray, 3), lengths (ray,) in m.
+
+    `place` holds the row and the column (ray,) of each in the raster that the run traced.
+    """
+
+    start: Array
+    direction: Array
+    length: Array
+    place: tuple[Integers, Integers]
+
+
+class Even:
+    """Even air."""
+
+    def way(self, lines: Lines) -> Way:
+        """Returns one segment for each line."""
+        length = lines.length[:, None]
+        return Way(length, np.zeros(length.shape), None)
+
+
+@dataclass(frozen=True)
+class Voxels:
+    """A cube as rays cross it."""
+
+    field: Field
+    motion: Motion
+
+    def way(self, lines: Lines) -> Way:
+        """Returns what lines meet in the cube, with all crossings of voxel faces sorted."""
+        field, turn = self.field, ROTATIONS[self.motion.orientation].T
+        origin = np.broadcast_to(lines.start, lines.direction.shape)
+        if self.motion.times_s is not None:
+            taken = self.motion.times_s.array[lines.place]
+            origin = origin - taken[:, None] * np.array(self.motion.wind_m_s)
+        placed = np.mod(origin @ turn / field.voxel_m, field.grid)
+        direction = lines.direction @ turn
+        lengths, voxel = twin.walk(placed, direction, lines.length, field.voxel_m, field.grid)
+        delta, offset = (
+            None if values is None else values.host().ravel()[voxel].astype(np.float64)
+            for values in (field.delta, field.offset)
+        )
+        return Way(lengths, np.asarray(delta), offset)
+
+
+Air = Even | Voxels
+
+
+@frozen
+class EvenAirSpec(Spec):
+    """Even air, to walk through."""
+
+    stage = "error-budget"
+
+    def run(self, device: Device) -> Even:
+        """Returns the air."""
+        del device
+        return Even()
+
+
+@frozen
+class VoxelAirSpec(Spec):
+    """A cube, to walk through."""
+
+    field: AnyField
+    motion: Motion
+    reads = ("field",)
+    stage = "error-budget"
+
+    def run(self, device: Device, field: Field) -> Voxels:
+        """Returns the air."""
+        del device
+        return Voxels(field, self.motion)
+
+
+@frozen
+class WalkSpec(Spec):
+    """Some rays of an image, drawn from all that it shows."""
+
+    air: EvenAirSpec | VoxelAirSpec
+    ends: EndsSpec
+    out: OutgoingSpec | None
+    targets: Values  # (surface,): flags of what each surface belongs to
+    rays: int
+    seed: int
+    segments_a_ray: float = field(compare=False)  # at most, about
+    reads = ("air", "ends", "out")
+    stage = "error-budget"
+
+    def run(self, device: Device, air: Air, ends: RayEnds, out: RayEnds | None) -> Walked:
+        """Returns the rays with what is met along them."""
+        del device
+        number, weight = drawn(ends, self.targets.array, self.rays, self.seed)
+        place = np.divmod(number, ends.geometry.raster.columns)
+        return _followed(air, ends, out, number, number, place, weight)
+
+    def memory(self) -> Memory:
+        """Returns three float64 values a segment, and what sorting needs."""
+        segments = int(self.rays * self.segments_a_ray)
+        return Memory((24 * segments,), (48 * segments,))
+
+
+def drawn(ends: RayEnds, targets: Any, count: int, seed: int) -> tuple[Integers, Array]:
+    """Returns numbers and weights of rays in the image's frame.
+
+    From each thing that it shows there are as many as it has a share in it, but some of each.
+    """
+    raster, rng = ends.geometry.raster, np.random.Generator(np.random.Philox(key=[seed, 1]))
+    m = raster.margin
+    all_rays = np.arange(raster.rays).reshape(raster.rows, raster.columns)
+    inside = all_rays[m : raster.rows - m, m : raster.columns - m].ravel()
+    things = targets[ends.surface.host()[: raster.rays]][inside]
+    picks, weights = [], []
+    for thing in sorted({*targets.tolist()}):
+        members = np.flatnonzero(things == thing)
+        if not len(members):
+            continue
+        n = min(len(members), max(count // 8, round(count * len(members) / len(inside)), 2))
+        picks.append(inside[rng.choice(members, n, replace=False)])
+        weights.append(np.full(n, len(members) / len(inside) / n))
+    return np.concatenate(picks), np.concatenate(weights)
+
+
+def _followed(
+    air: Air,
+    ends: RayEnds,
+    out: RayEnds | None,
+    number: Integers,
+    slots: Integers,
+    place: tuple[Integers, Integers],
+    weight: Array,
+) -> Walked:
+    """Returns rays by number, walked; `slots` says where among the ends theirs are found."""
+    shape = ends.geometry
+    direction = camera.directions(shape.frame.array, shape.raster, number)
+    norm = np.linalg.norm(direction, axis=1)
+    reach = ends.reach.host()[slots].astype(np.float64)
+    here = shape.frame.array[0]
+    ways = [air.way(Lines(here, direction / norm[:, None], reach * norm, place))]
+    surface = ends.surface.host()[slots]
+    if out is not None:
+        surface = np.where(out.surface.host()[slots] > 0, surface, 0)
+        start = np.array(out.start)
+        away = here + reach[:, None] * direction - start
+        length = np.linalg.norm(away, axis=1)
+        ways.append(air.way(Lines(start, away / length[:, None], length, place)))
+    textured = len(ends.blend) > 1
+    blend = ends.blend.host()[slots].astype(np.float64) if textured else np.zeros(len(slots))
+    return Walked(number, weight, surface, blend, np.ones(len(slots)), tuple(ways))
+
+
+@dataclass(frozen=True)
+class FinePixels:
+    """Pixels with more samples: their rays, numbers, and weights of sum 1."""
+
+    walked: Walked
+    pixel: Integers
+    weight: Array
+
+
+@frozen
+class FineWalkSpec(Spec):
+    """Some pixels with twice as many samples each way; half of them where something ends."""
+
+    air: EvenAirSpec | VoxelAirSpec
+    ends: EndsSpec
+    out: OutgoingSpec | None
+    lambert: bool  # whether echoes are scattered evenly
+    rays: int
+    seed: int
+    reads = ("air", "ends")
+    stage = "error-budget"
+
+    def run(self, device: Device, air: Air, ends: RayEnds) -> FinePixels:
+        """Returns the pixels and their rays."""
+        pixel, weight = _near_edges(ends, self.rays, self.seed)
+        fine, number = _doubled(self.ends.geometry, pixel)
+        precision = self.ends.precision
+        found = ray_ends.find_ends(device, fine, precision, cosine=self.lambert, picked=number)
+        out = None
+        if self.out is not None:
+            out = ray_ends.outgoing_ends(device, found, self.out.transmitter_m, precision)
+        row, column = np.divmod(number, fine.raster.columns)
+        slots, weights = np.arange(len(number)), np.ones(len(number))
+        walked = _followed(air, found, out, number, slots, (row // 2, column // 2), weights)
+        if self.lambert:
+            cosine = found.cosine.host()[slots].astype(np.float64)
+            length = found.path_length.host()[slots].astype(np.float64)
+            walked = replace(walked, gain=cosine / (np.pi * length**2))
+        return FinePixels(walked, pixel, weight)
+
+
+def _near_edges(ends: RayEnds, rays: int, seed: int) -> tuple[Integers, Array]:
+    """Returns numbers and weights of pixels, half of them where a neighbour shows another thing."""
+    raster, rng = ends.geometry.raster, np.random.Generator(np.random.Philox(key=[seed, 2]))
+    rows, columns = raster.block
+    surface = ends.surface.host()[: raster.rays].reshape(raster.rows, raster.columns)
+    shown = surface[rows // 2 :: rows, columns // 2 :: columns]
+    edge = np.zeros(shown.shape, dtype=bool)
+    edge[1:] |= shown[1:] != shown[:-1]
+    edge[:-1] |= shown[1:] != shown[:-1]
+    edge[:, 1:] |= shown[:, 1:] != shown[:, :-1]
+    edge[:, :-1] |= shown[:, 1:] != shown[:, :-1]
+    most = max(2, min(PIXELS, rays // (4 * rows * columns)))
+    pixels, weights = [], []
+    for members in (np.flatnonzero(edge), np.flatnonzero(~edge)):
+        n = min(len(members), most // 2)
+        pixels.append(rng.choice(members, n, replace=False))
+        weights.append(np.full(n, len(members) / edge.size / max(n, 1)))
+    return np.concatenate(pixels), np.concatenate(weights)
+
+
+def _doubled(shape: Geometry, pixel: Integers) -> tuple[Geometry, Integers]:
+    """Returns a raster of twice as many rays each way, and the numbers of some pixels' rays."""
+    raster, frame = shape.raster, shape.frame.array.copy()
+    rows, columns = raster.block
+    block = 2 * rows, 2 * columns
+    fine = Raster(2 * raster.rows, 2 * raster.columns, block)
+    frame[2:] /= 2
+    row, column = (n[:, None, None] for n in divmod(pixel, raster.pixels[1]))
+    down, right = np.arange(block[0])[None, :, None], np.arange(block[1])[None, None, :]
+    number = (row * block[0] + down) * fine.columns + column * block[1] + right
+    return replace(shape, raster=fine, frame=Values.of(frame)), number.ravel()

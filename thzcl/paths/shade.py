@@ -1,0 +1,95 @@
+"""From path moments to what reaches the camera, at single frequencies or summed over bands."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from thzcl.device.opencl import Buffer, Device, Program
+from thzcl.paths.trace import Paths
+
+Array = NDArray[np.float64]
+ROWS_APART = 64  # values between spectral rows: rows of a power of two would share cache lines
+KERNELS = ("surfaces/source", "paths/attenuate", "paths/shade")
+
+
+@dataclass(frozen=True)
+class Shaded:
+    """Optical depth and contrast on the device, both (frequency, ray).
+
+    In bands, the depth is that of their mean transmission.
+    """
+
+    depth: Buffer
+    contrast: Buffer
+
+
+def shade(
+    device: Device, paths: Paths, coefficients: Array, sources: Array, precision: str
+) -> Shaded:
+    """Returns depth and contrast of isothermal air at single frequencies.
+
+    `coefficients` (frequency, power) per metre, `sources` (surface, frequency).
+    """
+    program, rays = _program(device, paths, precision), len(paths.path_length)
+    count, row = len(coefficients), rays + ROWS_APART
+    depth, contrast = (device.empty((count, row), precision) for _ in range(2))
+    program.run(
+        "shade",
+        rays // device.lanes(precision),
+        *_shaded_paths(paths),
+        device.put(coefficients, precision),
+        device.put(sources, precision),
+        np.int32(count),
+        np.int32(row),
+        depth,
+        contrast,
+    )
+    return Shaded(depth, contrast)
+
+
+def shade_bands(
+    device: Device,
+    paths: Paths,
+    coefficients: Array,
+    sources: Array,
+    weights: Array,
+    passing: Array,
+    precision: str,
+) -> Shaded:
+    """Returns depth and contrast of isothermal air in bands, without ever storing a spectrum.
+
+    Contrast is summed with `weights`, transmission with `passing`, both (band, frequency).
+    """
+    absorbing = np.where(passing > 0, coefficients[:, 0], np.inf)
+    thinnest = coefficients[absorbing.argmin(axis=1)]
+    # Of what a band has none of, nothing is summed.
+    beyond = np.where(passing[..., None] > 0, coefficients - thinnest[:, None], 0.0)
+    program, rays = _program(device, paths, precision, len(weights)), len(paths.path_length)
+    depth, contrast = (device.empty((len(weights), rays), precision) for _ in range(2))
+    program.run(
+        "shade_bands",
+        rays // device.lanes(precision),
+        *_shaded_paths(paths),
+        device.put(thinnest, precision),
+        device.put(beyond, precision),
+        device.put(passing, precision),
+        device.put(weights[:, None, :] * sources, precision),
+        np.int32(len(coefficients)),
+        np.int32(len(sources)),
+        depth,
+        contrast,
+    )
+    return Shaded(depth, contrast)
+
+
+def _program(device: Device, paths: Paths, precision: str, bands: int = 0) -> Program:
+    options = [f"MOMENTS={len(paths.moments)}", *([f"BANDS={bands}"] if bands else [])]
+    options += ["BILLBOARDS"] if len(paths.blend) > 1 else []
+    return device.build(KERNELS, precision, options)
+
+
+def _shaded_paths(paths: Paths) -> tuple[Buffer, ...]:
+    return paths.path_length, paths.moments, paths.surface, paths.blend

@@ -1,0 +1,232 @@
+"""The ways of rays as specs: straight through even air, or through a cube."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import field as dataclass_field
+from dataclasses import replace
+from functools import reduce
+from typing import Any
+
+import numpy as np
+
+from thzcl.air.expansion import Expansion, ExpansionSpec, TrimmedSpec
+from thzcl.device.opencl import Device
+from thzcl.graph import LeftOut, Memory, Spec, Values, Work, everything, frozen, rewrite
+from thzcl.paths import trace
+from thzcl.paths.emission import Carried, emitting, trace_emission
+from thzcl.paths.thinning import trace_thinned
+from thzcl.paths.trace import Guard, Motion, Paths
+from thzcl.surfaces.ends import EndsSpec, OutgoingSpec, RayEnds
+from thzcl.surfaces.radiance import Sources
+from thzcl.turbulence.cube import Field
+from thzcl.turbulence.fields import AnyField
+
+AnyEnds = EndsSpec | OutgoingSpec
+_ISOTHERMAL = LeftOut("isothermal air: emission follows from optical depth")
+
+
+@frozen
+class StraightSpec(Spec):
+    """Rays through even air, of which only the length counts."""
+
+    ends: AnyEnds
+    why: str = dataclass_field(compare=False)  # there is no cube: a reason is no work
+    reads = ("ends",)
+    stage = "shading"
+
+    @property
+    def camera(self) -> EndsSpec:
+        """Returns the ends of the camera's rays."""
+        return self.ends.camera
+
+    def run(self, device: Device, ends: RayEnds) -> Paths:
+        """Returns the lengths."""
+        return trace.straight(device, ends, self.ends.precision)
+
+    def describe(self) -> dict[str, Work | LeftOut]:
+        """Returns why there is no cube and no trace."""
+        return {
+            "humidity-field": LeftOut(self.why),
+            "temperature-field": LeftOut("air temperature does not fluctuate"),
+            "trace": LeftOut("uniform air: the path's length is all that counts"),
+            "path-emission": _ISOTHERMAL,
+        }
+
+
+@frozen
+class TraceSpec(Spec):
+    """Rays through the cube of one field, with as many moments as the served fits need.
+
+    `fixed` names what the user fixed of "cutoff" and "stride": only what thzcl chose is joined.
+    """
+
+    field: AnyField
+    ends: AnyEnds
+    serves: tuple[ExpansionSpec, ...]
+    motion: Motion
+    cutoff: float  # optical depth, one way, at which a ray ends
+    stride: int  # every so many rays are traced, both ways; 1: all
+    fixed: frozenset[str]
+    targets: Values  # (surface,): flags of what each surface belongs to
+    planned_segments: float = dataclass_field(default=0.0, compare=False)
+    reads = ("field", "ends", "serves")
+
+    @property
+    def camera(self) -> EndsSpec:
+        """Returns the ends of the camera's rays."""
+        return self.ends.camera
+
+    @property
+    def stage(self) -> str:  # type: ignore[override]
+        """Returns the stage of the way back, or of the way out."""
+        return "outgoing-path" if isinstance(self.ends, OutgoingSpec) else "trace"
+
+    def run(
+        self, device: Device, field: Field, ends: RayEnds, serves: Iterator[Expansion]
+    ) -> Paths:
+        """Returns the moments; their number and the guard follow from the fits."""
+        fits, precision = list(serves), self.ends.precision
+        moments = max(fit.moments for fit in fits)
+        if not moments:  # air that might as well be even
+            return trace.straight(device, ends, precision)
+        guard = _guard(fits, moments, ends, self.cutoff)
+        medium = trace.medium(device, field, ends, self.motion)
+        if self.stride == 1:
+            return trace.trace(device, ends, medium, moments, guard, precision)
+        thinned = self.stride, self.targets.array
+        return trace_thinned(device, ends, medium, moments, guard, *thinned)
+
+    def kin(self) -> TraceSpec:
+        """Returns a key that is equal for paths which one trace can serve."""
+        cutoff = self.cutoff if "cutoff" in self.fixed else 0.0
+        stride = self.stride if "stride" in self.fixed else 1
+        return replace(self, serves=(), cutoff=cutoff, stride=stride)
+
+    def join(self, other: TraceSpec) -> TraceSpec:
+        """Returns the path that serves both: all fits, the deeper cut, the smaller stride."""
+        serves = tuple(dict.fromkeys(self.serves + other.serves))
+        cutoff, stride = max(self.cutoff, other.cutoff), min(self.stride, other.stride)
+        segments = max(self.planned_segments, other.planned_segments)
+        joint = replace(self, serves=serves, cutoff=cutoff, stride=stride)
+        return replace(joint, planned_segments=segments)
+
+    def planned_moments(self) -> int:
+        """Returns a bound on the moments, before the cube is known."""
+        return max(fit.planned().moments for fit in self.serves)
+
+    def describe(self) -> dict[str, Work | LeftOut]:
+        """Returns what is traced."""
+        thinned = ""
+        if self.stride > 1:
+            ray = f"every {self.stride}th ray both ways and the edges"
+            thinned = f"; {ray}, the rest interpolated"
+        return {"trace": Work("trace", thinned), "path-emission": _ISOTHERMAL}
+
+    def memory(self) -> Memory:
+        """Returns the moments of every ray."""
+        rays, real = self.ends.geometry.raster.rays, np.dtype(self.ends.precision).itemsize
+        return Memory((real * rays * self.planned_moments(),))
+
+    def segments(self) -> float:
+        """Returns the estimate that the plan made."""
+        return self.planned_segments
+
+
+def _guard(fits: list[Expansion], moments: int, ends: RayEnds, cutoff: float) -> Guard | None:
+    """Returns the depth to watch: that of the frequency and air that absorb least, if any can."""
+    rows = [row for fit in fits for row in fit.coefficients[:, :, 0]]
+    thinnest = min(rows, key=lambda row: float(row[0]))
+    if thinnest[0] * trace.longest_m(ends) < cutoff:
+        return None
+    return Guard(tuple(np.pad(thinnest, (0, moments + 1 - len(thinnest)))), cutoff)
+
+
+@frozen
+class RoundTripSpec(Spec):
+    """The way from a transmitter of its own to what a ray meets, and back along the ray."""
+
+    back: StraightSpec | TraceSpec
+    out: StraightSpec | TraceSpec
+    reads = ("back", "out")
+    stage = "outgoing-path"
+
+    @property
+    def camera(self) -> EndsSpec:
+        """Returns the ends of the camera's rays."""
+        return self.back.camera
+
+    def run(self, device: Device, back: Paths, out: Paths) -> Paths:
+        """Returns lengths and moments of both ways together."""
+        return trace.there_and_back(device, back, out)
+
+    def memory(self) -> Memory:
+        """Returns as much as each of both ways takes."""
+        return self.back.memory()
+
+
+AnyPath = StraightSpec | TraceSpec | RoundTripSpec
+
+
+@frozen
+class EmissionSpec(Spec):
+    """Depth and radiance carried along rays through air whose temperature fluctuates."""
+
+    field: AnyField
+    ends: AnyEnds
+    expansion: TrimmedSpec
+    sources: Sources
+    motion: Motion
+    cutoff: float  # optical depth, one way, at which a ray ends
+    planned_segments: float = dataclass_field(default=0.0, compare=False)
+    reads = ("field", "ends", "expansion")
+
+    @property
+    def camera(self) -> EndsSpec:
+        """Returns the ends of the camera's rays."""
+        return self.ends.camera
+
+    @property
+    def stage(self) -> str:  # type: ignore[override]
+        """Returns the stage of the way back, or of the way out."""
+        return "outgoing-path" if isinstance(self.ends, OutgoingSpec) else "path-emission"
+
+    def run(self, device: Device, field: Field, ends: RayEnds, expansion: Expansion) -> Carried:
+        """Returns depth and contrast at every frequency."""
+        precision = self.ends.precision
+        tables = emitting(expansion, field.temperature_span, self.sources, precision)
+        thinnest = float(expansion.coefficients[:, 0, 0].min())
+        reached = thinnest * trace.longest_m(ends) >= self.cutoff
+        medium = trace.medium(device, field, ends, self.motion)
+        cutoff = self.cutoff if reached else None
+        return trace_emission(device, ends, medium, tables, cutoff, precision)
+
+    def describe(self) -> dict[str, Work | LeftOut]:
+        """Returns that radiance is carried along."""
+        carried = LeftOut("path emission carries the depth along")
+        return {"trace": carried, "path-emission": Work("", "temperature fluctuates")}
+
+    def memory(self) -> Memory:
+        """Returns depth and contrast at every frequency."""
+        rays, real = self.ends.geometry.raster.rays, np.dtype(self.ends.precision).itemsize
+        count = self.expansion.expansion.frequency_hz.shape[0]
+        return Memory((real * rays * count,) * 2)
+
+    def segments(self) -> float:
+        """Returns the estimate that the plan made."""
+        return self.planned_segments
+
+
+def joined(wanted: Iterable[Any]) -> tuple[Any, ...]:
+    """Returns the graph in which paths that are kin have become one.
+
+    For the variants of a scene, or the members of a study that share rays and cube, only: a knob
+    whose effect is to be seen must not be joined away.
+    """
+    wanted = tuple(wanted)
+    kin: dict[TraceSpec, list[TraceSpec]] = {}
+    for path in everything(wanted):
+        if isinstance(path, TraceSpec):
+            kin.setdefault(path.kin(), []).append(path)
+    one = {path: reduce(TraceSpec.join, paths) for paths in kin.values() for path in paths}
+    return rewrite(wanted, lambda spec: one.get(spec, spec))

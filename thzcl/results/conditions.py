@@ -1,0 +1,46 @@
+"""Frequency, range and air of an image in words, and the angles of its pixels."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from thzcl.air.mean import Air
+from thzcl.scenario.scene import Camera
+from thzcl.sensor import Echoes, Radiances
+from thzcl.surfaces.geometry import FIRST_TARGET
+
+Array = NDArray[np.float64]
+
+
+def angles(camera: Camera) -> tuple[NDArray[Any], NDArray[Any]]:
+    """Returns angles of pixel columns and rows from the image centre, mrad, right and up."""
+    (width, height), (columns, rows) = camera.focal_plane_mm, camera.pixels
+    right = (np.arange(columns) + 0.5 - columns / 2) * width / columns
+    up = (rows / 2 - np.arange(rows) - 0.5) * height / rows
+    focal = camera.focal_length_mm
+    return 1e3 * np.arctan2(right, focal), 1e3 * np.arctan2(up, focal)
+
+
+def conditions(air: Air, sight: Radiances | Echoes) -> tuple[str, ...]:
+    """Returns frequency, range and air in words, for a picture's titles."""
+    on_target = sight.target >= FIRST_TARGET
+    lengths = sight.path_length[on_target if on_target.any() else ...].ravel()
+    return (
+        _band(sight.nodes_hz / 1e9),
+        f"{np.partition(lengths, len(lengths) // 2)[len(lengths) // 2]:.3g} m",
+        f"{air.temperature_k:.5g} K",
+        f"{air.relative_humidity_percent:.3g} % RH",
+        f"{air.absolute_humidity_g_m3:.3g} g/m³",
+        f"{air.pressure_hpa:g} hPa",
+    )
+
+
+def _band(ghz: Array) -> str:
+    """Returns a frequency, or the band that several lie in, to a twentieth of its width."""
+    if len(ghz) == 1:
+        return f"{ghz[0]:g} GHz"
+    step = 10.0 ** np.ceil(np.log10((ghz[-1] - ghz[0]) / 20))
+    return f"{np.floor(ghz[0] / step) * step:g}-{np.ceil(ghz[-1] / step) * step:g} GHz"

@@ -1,0 +1,228 @@
+"""The result file: NetCDF-4 after the CF conventions. Every name in it is told of here."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from thzcl.files import Patient
+from thzcl.results.contents import Array, Contents, Cube, readable
+from thzcl.sensor import Echoes, Image, Radiances
+
+PLANE = ("y", "x")
+SPECTRAL = ("frequency", *PLANE)
+VOXELS = ("z_voxel", "y_voxel", "x_voxel")
+COORDINATES = ("variant", "frequency", "variant_frequency", *PLANE, "y_angle", "x_angle")
+VARIABLES = (
+    "radiance",
+    "brightness_temperature",
+    "brightness_temperature_contrast",
+    "optical_depth",
+    "path_length",
+    "target",
+    "image",
+    "image_difference",
+    "image_variance",  # these two over the realisations of an ensemble
+    "image_spread",
+    "absolute_humidity",
+    "air_temperature",
+)
+
+
+class Variable(NamedTuple):
+    """A variable of the result file."""
+
+    dims: tuple[str, ...]
+    values: Array
+    attrs: dict[str, Any]
+
+
+def reserved_names() -> frozenset[str]:
+    """Returns the names of thzcl's own variables, coordinates and dimensions.
+
+    A sensor's layer must not take one of them.
+    """
+    return frozenset((*COORDINATES, *VARIABLES, *VOXELS))
+
+
+def write(result: Contents, path: Path) -> None:
+    """Writes the file of a result. Raises OSError."""
+    import h5netcdf
+    import h5py
+
+    stored = coordinates(result) | variables(result)
+    with Patient(path) as kept, h5netcdf.File(kept, "w") as file:
+        file.attrs.update(attributes(result))
+        for variable in stored.values():
+            for name, size in zip(variable.dims, variable.values.shape, strict=True):
+                if name not in file.dimensions:
+                    file.dimensions[name] = size
+        for name, (dims, values, attrs) in stored.items():
+            kind = h5py.string_dtype() if values.dtype == object else values.dtype
+            file.create_variable(name, dims, kind, data=values).attrs.update(attrs)
+
+
+def attributes(result: Contents) -> dict[str, Any]:
+    """Returns the global attributes; structured ones are JSON."""
+    scenario = readable(result.scenario)
+    return {
+        "Conventions": "CF-1.11",
+        "title": f"{scenario}: terahertz images",
+        "source": f"thzcl {result.versions['thzcl']}",
+        "scenario_name": scenario,
+        "scenario_toml": result.scenario_toml,
+        "scenario_folder": readable(result.scenario_folder),
+        "versions": json.dumps(result.versions),
+        "device": result.device,
+        "seed": np.int64(result.seed),
+        "build_options": json.dumps(result.build_options),
+        "seconds": json.dumps(result.seconds),
+        "left_out": json.dumps(result.left_out),
+        "warnings": json.dumps(result.warnings),
+        "error_budget": json.dumps(result.error_budget),
+        "voxel_segments": np.int64(result.voxel_segments),
+        "grid_rotation": json.dumps(np.asarray(result.grid_rotation).tolist()),
+    }
+
+
+def coordinates(result: Contents) -> dict[str, Variable]:
+    """Returns the coordinates: variants, frequencies in GHz, pixels and their angles in mrad."""
+    names = np.array([variant.name for variant in result.variants], dtype=object)
+    columns, rows = result.pixel_angles_mrad
+    return {
+        "variant": Variable(("variant",), names, {}),
+        **_frequencies(result),
+        "y": _coordinate("y", np.arange(len(rows)), "1", "pixel row, 0 at the top"),
+        "x": _coordinate("x", np.arange(len(columns)), "1", "pixel column, 0 at the left"),
+        "y_angle": _coordinate("y", rows, "mrad", "angle above the image centre"),
+        "x_angle": _coordinate("x", columns, "mrad", "angle right of the image centre"),
+    }
+
+
+def _frequencies(result: Contents) -> dict[str, Variable]:
+    """Returns one axis of frequencies, or one for each variant where they differ."""
+    values = np.array([variant.sight.frequency_hz for variant in result.variants]) / 1e9
+    if (values == values[0]).all():
+        return {"frequency": _coordinate("frequency", values[0], "GHz", "frequency")}
+    attrs = {"units": "GHz", "long_name": "frequency"}
+    return {"variant_frequency": Variable(("variant", "frequency"), values, attrs)}
+
+
+def _coordinate(dimension: str, values: Array, units: str, name: str) -> Variable:
+    return Variable((dimension,), values, {"units": units, "long_name": name})
+
+
+def variables(result: Contents) -> dict[str, Variable]:
+    """Returns the data variables, the sensors' own included."""
+    sights = [variant.sight for variant in result.variants]
+    passive = [sight for sight in sights if isinstance(sight, Radiances)]
+    kind = np.result_type(*(sight.optical_depth for sight in sights))
+    depths = [(0.0, sight.optical_depth) for sight in sights]
+    active = isinstance(sights[0], Echoes)
+    depth = "optical depth, out and back" if active else "optical depth to the end of the ray"
+    length = {"units": "m", "long_name": "length of the ray"}
+    images = [variant.image for variant in result.variants if variant.image is not None]
+    found = {
+        **_radiometric(passive, kind),
+        "optical_depth": _spectral(depths, "1", depth, kind),
+        "path_length": _shared([sight.path_length for sight in sights], length),
+        "target": _shared([sight.target for sight in sights], _flags(result.targets)),
+        **(_images(images, kind) if len(images) == len(sights) else {}),
+    }
+    return found | _difference(result, found) | _cubes(result.cubes)
+
+
+def _radiometric(passive: list[Radiances], kind: Any) -> dict[str, Variable]:
+    """Returns radiances and brightness temperatures, which an active sensor does not have."""
+    if not passive:
+        return {}
+    radiances = [(s.air_radiance[:, None, None], s.contrast) for s in passive]
+    kelvins = [s.brightness_temperature_contrast for s in passive]
+    absolute = [(s.air_temperature_k, kelvin) for s, kelvin in zip(passive, kelvins, strict=True)]
+    above = "brightness temperature above the mean air's"
+    return {
+        "radiance": _spectral(radiances, "W m-2 sr-1 Hz-1", "spectral radiance", kind),
+        "brightness_temperature": _spectral(absolute, "K", "brightness temperature", kind),
+        "brightness_temperature_contrast": _spectral(
+            [(0.0, kelvin) for kelvin in kelvins], "K", above, kind
+        ),
+    }
+
+
+def _spectral(sums: list[tuple[Any, Array]], units: str, name: str, kind: Any) -> Variable:
+    """Returns the sum of both terms of each variant, added at once in the type that is stored."""
+    stored = np.empty((len(sums), *sums[0][1].shape), kind)
+    for (base, plane), out in zip(sums, stored, strict=True):
+        np.add(base, plane, out=out, casting="same_kind")
+    return Variable(("variant", *SPECTRAL), stored, _pixel_attrs(units, name))
+
+
+def _pixel_attrs(units: str, name: str) -> dict[str, Any]:
+    return {"units": units, "long_name": name, "coordinates": "y_angle x_angle"}
+
+
+def _shared(
+    values: list[Array], attrs: Mapping[str, Any], dims: tuple[str, ...] = PLANE
+) -> Variable:
+    """Returns a variable that has a variant dimension only if the variants differ."""
+    if all(v is values[0] or np.array_equal(v, values[0]) for v in values):
+        return Variable(dims, values[0], dict(attrs))
+    return Variable(("variant", *dims), np.stack(values), dict(attrs))
+
+
+def _flags(targets: tuple[str, ...]) -> dict[str, Any]:
+    return {
+        "long_name": "what the pixel shows",
+        "flag_values": np.arange(len(targets), dtype=np.int32),
+        "flag_meanings": " ".join(name.replace(" ", "_") for name in targets),
+    }
+
+
+def _images(images: list[Image], kind: Any) -> dict[str, Variable]:
+    """Returns the sensors' images and those layers that all have, (variant, y, x)."""
+    first = images[0]
+    planes = {"image": (first.unit, first.quantity, [image.values for image in images])}
+    for name, layer in first.layers.items():
+        if all(name in image.layers for image in images):
+            values = [image.layers[name].values for image in images]
+            planes[name] = (layer.unit, layer.quantity, values)
+    return {
+        name: Variable(("variant", *PLANE), _stacked(values, kind), _pixel_attrs(unit, quantity))
+        for name, (unit, quantity, values) in planes.items()
+    }
+
+
+def _stacked(values: list[Array], kind: Any) -> Array:
+    """Returns planes of real numbers at the precision of the arithmetic, others as they are."""
+    real = np.asarray(values[0]).dtype.kind == "f"
+    return np.stack(values, dtype=kind if real else None, casting="same_kind")
+
+
+def _difference(result: Contents, found: Mapping[str, Variable]) -> dict[str, Variable]:
+    values = result.image_difference()
+    if values is None or result.difference is None:
+        return {}
+    attrs = found["image"].attrs | {"long_name": " less ".join(result.difference)}
+    return {"image_difference": Variable(PLANE, values, attrs)}
+
+
+def _cubes(cubes: tuple[Cube, ...]) -> dict[str, Variable]:
+    """Returns humidity and, if it fluctuates, temperature of the saved cubes' voxels."""
+    if not cubes:
+        return {}
+    size = cubes[0].voxel_m
+    humidity = {"units": "g m-3", "long_name": "absolute humidity of the cube's voxels"}
+    temperature = {"units": "K", "long_name": "air temperature of the cube's voxels"}
+    found = {
+        "absolute_humidity": _shared(
+            [cube.absolute_humidity_g_m3 for cube in cubes], humidity | {"voxel_m": size}, VOXELS
+        )
+    }
+    warmth = [cube.air_temperature_k for cube in cubes if cube.air_temperature_k is not None]
+    if len(warmth) == len(cubes):
+        found["air_temperature"] = _shared(warmth, temperature | {"voxel_m": size}, VOXELS)
+    return found

@@ -1,0 +1,98 @@
+"""The numbers of a result in short: what `thzcl run --format json` prints, and notebooks show."""
+
+from __future__ import annotations
+
+from html import escape
+from typing import Any
+
+import numpy as np
+
+from thzcl.results.contents import Array, Contents, VariantResult
+from thzcl.sensor import Radiances
+
+
+def summary(result: Contents) -> dict[str, Any]:
+    """Returns what `thzcl run --format json` prints, less the files."""
+    return {
+        "scenario": result.scenario,
+        "device": result.device,
+        "seed": result.seed,
+        "seconds": result.seconds,
+        "left_out": list(result.left_out),
+        "warnings": list(result.warnings),
+        "error_budget": result.error_budget,
+        "voxel_segments": result.voxel_segments,
+        "variants": [_of_variant(variant, result.targets) for variant in result.variants],
+    }
+
+
+def _of_variant(variant: VariantResult, names: tuple[str, ...]) -> dict[str, Any]:
+    facts = variant.image.facts if variant.image else {}
+    valued = {name: {"value": value, "unit": unit} for name, (value, unit) in facts.items()}
+    return {"name": variant.name, "targets": target_table(variant, names), "facts": valued}
+
+
+def target_table(
+    variant: VariantResult, names: tuple[str, ...]
+) -> dict[str, dict[str, float | None]]:
+    """Returns, by target, its pixels and their means over all frequencies.
+
+    These are the contrast to the air and its spread, in K, optical depth and transmission. An
+    active sensor has no contrast in kelvin, and its depth and transmission are those of the way
+    out and back. A target that no pixel shows is left out.
+    """
+    sight = variant.sight
+    flags = sight.target.ravel().astype(np.intp)
+    pixels = np.bincount(flags, minlength=len(names))
+
+    def means(plane: Array) -> Array:
+        sums = np.bincount(flags, weights=plane.ravel(), minlength=len(names))
+        return np.asarray(sums / np.maximum(pixels, 1))
+
+    depth = means(sight.optical_depth.mean(axis=0))
+    passed = means(np.exp(-sight.optical_depth).mean(axis=0))
+    contrast = spread = None
+    if isinstance(sight, Radiances):
+        above = sight.brightness_temperature_contrast.mean(axis=0).ravel()
+        contrast = means(above)
+        spread = np.sqrt(means((above - contrast[flags]) ** 2))
+    return {
+        name: {
+            "pixels": int(pixels[flag]),
+            "mean_contrast_k": None if contrast is None else float(contrast[flag]),
+            "std_k": None if spread is None else float(spread[flag]),
+            "optical_depth": float(depth[flag]),
+            "transmission": float(passed[flag]),
+        }
+        for flag, name in enumerate(names)
+        if pixels[flag]
+    }
+
+
+def html(result: Contents) -> str:
+    """Returns a short table of the targets, for notebooks."""
+    head = ("variant", "target", "pixels", "contrast to air", "transmission")
+    rows = [
+        (
+            variant.name,
+            target,
+            str(values["pixels"]),
+            _kelvins(values["mean_contrast_k"]),
+            f"{values['transmission']:.3g}",
+        )
+        for variant in result.variants
+        for target, values in target_table(variant, result.targets).items()
+    ]
+    body = "".join(_row("td", row) for row in rows)
+    return (
+        f"<h4>{escape(result.scenario)}</h4><p>{escape(result.device)}, seed {result.seed}</p>"
+        f"<table>{_row('th', head)}{body}</table>"
+    )
+
+
+def _row(tag: str, cells: tuple[str, ...]) -> str:
+    return f"<tr>{''.join(f'<{tag}>{escape(cell)}</{tag}>' for cell in cells)}</tr>"
+
+
+def _kelvins(value: float | None) -> str:
+    return "" if value is None else f"{value:+.4g} K"

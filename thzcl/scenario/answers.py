@@ -1,0 +1,203 @@
+"""What sensors answer, held to their contract before anybody relies on it."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Collection, Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from thzcl.plugins.guard import Breach
+from thzcl.sensor import Image, Layer, Needs, Optics
+
+Array = NDArray[np.float64]
+
+# A netCDF name as its users guide has it: no "/", no control character, no blank at the end.
+_NAME = re.compile(r"[A-Za-z0-9_\u0080-\U0010ffff][^/\x00-\x1f\x7f]{0,254}(?<! )")
+
+
+def needs(asked: Any, pixels: tuple[int, int]) -> Needs:
+    """Returns what a sensor asked for with arrays of float64 that nobody can change.
+
+    `pixels` are the image's width and height. Raises Breach.
+    """
+    if not isinstance(asked, Needs):
+        raise Breach(f"needs() returned {type(asked).__name__} instead of Needs")
+    frequency_hz = _frequencies(asked.frequency_hz)
+    finer = asked.finer
+    if finer is not None:
+        if not isinstance(finer, tuple | list) or len(finer) != 2:
+            raise Breach("needs() gave a finer sum that is not frequencies and weights")
+        nodes = _frequencies(finer[0])
+        finer = nodes, _weights(finer[1], len(nodes))
+    place = asked.transmitter_m
+    if place is not None:
+        x, y, z = _numbers(place, "a transmitter", (3,)).tolist()
+        place = x, y, z
+    if asked.gain not in ("none", "lambert"):
+        raise Breach(f"needs() asked for the gain {asked.gain!r}; there are none and lambert")
+    if asked.optics is not None and not isinstance(asked.optics, Optics):
+        raise Breach("needs() gave optics that are not thzcl.sensor.Optics")
+    return replace(
+        asked,
+        frequency_hz=frequency_hz,
+        weights=None if asked.weights is None else _weights(asked.weights, len(frequency_hz)),
+        reflection=bool(asked.reflection),
+        transmitter_m=place,
+        cutoff_depth=_depth(asked.cutoff_depth),
+        slant=bool(asked.slant),
+        times_s=_times(asked.times_s, pixels),
+        noise=bool(asked.noise),
+        finer=finer,
+        errors=_errors(asked.errors),
+    )
+
+
+def _numbers(given: Any, what: str, shape: tuple[int, ...] | None = None) -> Array:
+    """Returns finite numbers as an array of float64, a copy that is read-only."""
+    try:
+        values = np.array(given, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise Breach(f"needs() gave {what} that is not made of numbers") from None
+    if not np.isfinite(values).all():
+        raise Breach(f"needs() gave {what} with values that are not finite")
+    if shape is not None and values.shape != shape:
+        raise Breach(f"needs() gave {what} of shape {values.shape} instead of {shape}")
+    values.flags.writeable = False
+    return values
+
+
+def _frequencies(given: Any) -> Array:
+    frequency_hz = _numbers(given, "a list of frequencies")
+    rising = frequency_hz.ndim == 1 and frequency_hz.size and (np.diff(frequency_hz) > 0).all()
+    if not rising or frequency_hz[0] <= 0:
+        raise Breach("needs() asked for frequencies that are not a list of ascending numbers in Hz")
+    return frequency_hz
+
+
+def _weights(given: Any, count: int) -> Array:
+    """Returns weights (band, frequency) whose rows can be normalised to 1."""
+    rows = np.atleast_2d(_numbers(given, "a table of weights"))
+    if rows.ndim != 2 or rows.shape[1] != count:
+        raise Breach("needs() gave weights of another length than its frequencies")
+    with np.errstate(all="ignore"):
+        normalised = rows / rows.sum(axis=1, keepdims=True)
+    if not len(rows) or not (rows.sum(axis=1) > 0).all() or not np.isfinite(normalised).all():
+        raise Breach("needs() gave weights whose sum over a band is not above 0")
+    return rows
+
+
+def _depth(given: Any) -> float | None:
+    if given is None:
+        return None
+    depth = float(given)
+    if not depth > 0:
+        raise Breach(f"needs() gave a cut-off at an optical depth of {depth:g}, not above 0")
+    return depth
+
+
+def _times(given: Any, pixels: tuple[int, int]) -> Array | None:
+    """Returns times (sample, y, x); an axis that all have in common may be of length 1."""
+    if given is None:
+        return None
+    times_s = _numbers(given, "a table of times")
+    width, height = pixels
+    fits = times_s.ndim == 3 and times_s.shape[0] > 0
+    if not fits or times_s.shape[1] not in (1, height) or times_s.shape[2] not in (1, width):
+        due = f"(samples, {height}, {width})"
+        raise Breach(f"needs() gave times of shape {times_s.shape} instead of {due}")
+    return times_s
+
+
+def _errors(given: Any) -> dict[str, tuple[float, str]]:
+    """Returns known errors: part -> size and of what."""
+    found = {}
+    for part, (size, unit) in dict(given).items():
+        number = float(size)
+        if not (number >= 0 and np.isfinite(number)):
+            raise Breach(f"needs() gave an error {part!r} that is not a finite size")
+        found[_text(part, "needs() gave an error's name")] = number, _text(unit, f"{part!r}'s unit")
+    return found
+
+
+def image(
+    made: Any, shape: tuple[int, ...], stored: np.dtype[Any], taken: Collection[str]
+) -> Image:
+    """Returns what a sensor recorded, (y, x), as arrays that are the caller's own.
+
+    Real numbers are float64, so that differences and means are taken before the file rounds them to
+    the type `stored`, in which they are finite too. Truth values become 0 and 1, whole numbers
+    stay whole. Raises Breach.
+    """
+    if not isinstance(made, Image) or not isinstance(made.layers, Mapping):
+        raise Breach(f"returned {type(made).__name__} instead of an Image, and of Layers")
+    layers = {}
+    for name, layer in made.layers.items():
+        if not isinstance(layer, Layer):
+            raise Breach(f"returned {type(layer).__name__} instead of a Layer as {name!r}")
+        layers[_layer_name(name, taken)] = replace(
+            layer,
+            values=_plane(layer.values, f"layer {name!r}", shape, stored),
+            unit=_text(layer.unit, f"the unit of layer {name!r}"),
+            quantity=_text(layer.quantity, f"the quantity of layer {name!r}"),
+        )
+    return replace(
+        made,
+        values=_plane(made.values, "image", shape, stored),
+        unit=_text(made.unit, "the image's unit"),
+        quantity=_text(made.quantity, "the image's quantity"),
+        layers=layers,
+        facts={
+            _text(name, "a fact's name"): _fact(name, fact) for name, fact in made.facts.items()
+        },
+    )
+
+
+def _plane(given: Any, what: str, shape: tuple[int, ...], stored: np.dtype[Any]) -> NDArray[Any]:
+    if np.ma.is_masked(given):
+        raise Breach(f"returned {what} with masked values; the file has none")
+    if np.shape(given) != shape:
+        raise Breach(f"returned {what} of shape {np.shape(given)}; the image has {shape}")
+    values = np.asarray(given)
+    if values.dtype.kind not in "fiub":
+        raise Breach(f"returned {what} whose values are not numbers")
+    if values.dtype.kind != "f":
+        kind = np.dtype(np.int8) if values.dtype.kind == "b" else values.dtype.newbyteorder("=")
+        return values.astype(kind)
+    with np.errstate(over="ignore"):
+        finite = np.isfinite(values.astype(stored)).all()
+    if not finite:
+        as_stored = f" as {stored}" if np.isfinite(values).all() else ""
+        raise Breach(f"returned {what} with values that are not finite{as_stored}")
+    return values.astype(np.float64)
+
+
+def _layer_name(name: Any, taken: Collection[str]) -> str:
+    text = _text(name, "a layer's name")
+    if not _NAME.fullmatch(text) or len(text.encode()) > 255:
+        raise Breach(f"returned a layer named {text!r}, which cannot name a netCDF variable")
+    if text in taken:
+        raise Breach(f"returned a layer named {text!r}, as the result file's own variable is")
+    return text
+
+
+def _text(given: Any, what: str) -> str:
+    """Returns text that a file can hold."""
+    if not isinstance(given, str):
+        raise Breach(f"{what} is {type(given).__name__} instead of text")
+    if "\x00" in given or given.encode(errors="ignore").decode() != given:
+        raise Breach(f"{what} is {given!r}, which a file cannot hold")
+    return str(given)
+
+
+def _fact(name: Any, given: Any) -> tuple[float, str]:
+    """Returns a fact's value and unit."""
+    if not isinstance(given, tuple | list) or len(given) != 2:
+        raise Breach(f"returned a fact {name!r} that is not a value and a unit")
+    number, unit = np.asarray(given[0]), given[1]
+    if number.ndim or number.dtype.kind not in "fiub" or not np.isfinite(number):
+        raise Breach(f"returned a fact {name!r} whose value is not a finite number")
+    return float(number), _text(unit, f"the unit of fact {name!r}")

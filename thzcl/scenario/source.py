@@ -1,0 +1,69 @@
+"""Where scenarios come from: files, results that carry theirs, and the scenes that are shipped."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from thzcl.errors import FileError, ScenarioError
+from thzcl.files import RESULT, SCENE, open_netcdf, read_text
+from thzcl.plugins.names import suggest
+
+SHIPPED = Path(__file__).parents[1] / "scenarios"
+if not SHIPPED.is_dir():  # straight from a checkout
+    SHIPPED = Path(__file__).parents[2] / "scenarios"
+
+
+def find(source: str | Path) -> Path:
+    """Returns the file that a path or the name of a shipped scene means. Raises ScenarioError.
+
+    A folder of that name does not hide a shipped scene.
+    """
+    path = Path(source)
+    named = SHIPPED / f"{source}.toml"
+    is_name = path.name == str(source) and not path.suffix and named.is_file()
+    if path.exists() and not (is_name and path.is_dir()):
+        return path
+    if is_name:
+        return named
+    names = [p.stem for p in SHIPPED.glob("*.toml")]
+    raise ScenarioError([f"{source}: no such file or shipped scene ({suggest(path.stem, names)})"])
+
+
+def shipped() -> dict[str, str]:
+    """Returns the shipped scenes by name, each with the first sentence of its opening comment."""
+    scenes = {}
+    for path in sorted(SHIPPED.glob("*.toml")):
+        comment: list[str] = []
+        for line in path.read_text(encoding="utf-8").splitlines():
+            if not line.startswith("#"):
+                break
+            comment.append(line.lstrip("# "))
+        scenes[path.stem] = " ".join(comment).split(". ")[0].rstrip(".")
+    return scenes
+
+
+def text_of(path: Path) -> tuple[str, Path]:
+    """Returns the text of a scenario and the folder that its paths start from.
+
+    `path` is a TOML file, or a result (.nc), which carries its scenario. Raises ScenarioError.
+    """
+    try:
+        if path.suffix == ".nc":
+            return _stored_text(path)
+        return read_text(path, SCENE), path.parent
+    except FileError as error:
+        raise ScenarioError([str(error)]) from None
+
+
+def _stored_text(path: Path) -> tuple[str, Path]:
+    """Returns the scenario that a result carries, and its first folder, if that is still there.
+
+    Raises FileError.
+    """
+    with open_netcdf(path, RESULT) as file:
+        text, folder = file.attrs.get("scenario_toml"), file.attrs.get("scenario_folder")
+    if not isinstance(text, str):
+        raise FileError(f"{path}: holds no scenario; {RESULT.give}")
+    if isinstance(folder, str) and Path(folder).is_dir():
+        return text, Path(folder)
+    return text, path.parent

@@ -1,0 +1,137 @@
+"""What a sensor records of what its pixels see."""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from thzcl.air import radiometry
+from thzcl.device.opencl import Device
+from thzcl.errors import PluginFailure
+from thzcl.graph import LeftOut, Memory, Spec, Values, Work, frozen
+from thzcl.scenario import sensors
+from thzcl.scenario.scene import SensorChoice
+from thzcl.sensing.pixels import Pixels, PixelsSpec, Places, PlacesSpec
+from thzcl.sensing.spectrum import Spectrum
+from thzcl.sensor import RESERVED_NAMES, Echoes, Image, Radiances
+from thzcl.surfaces.camera import Raster
+from thzcl.surfaces.radiance import Emission, Sources
+
+Sight = Radiances | Echoes
+
+
+@dataclass(frozen=True)
+class Recorded:
+    """What reached the pixels, and the image of it; or, in words, why there is none."""
+
+    sight: Sight
+    image: Image | None
+    failure: str | None
+
+
+@frozen
+class NoiseKey:
+    """What random numbers of an image depend on; nothing else does."""
+
+    seed: int
+    variant: str  # the variant's name; empty where there is none
+    realization: int = 0
+    frame: int = 0
+
+    def generator(self) -> np.random.Generator:
+        """Returns the random numbers of this key."""
+        name = hashlib.sha256(self.variant.encode()).digest()
+        words = [self.seed, *np.frombuffer(name, "<u4").tolist(), self.realization, self.frame]
+        return np.random.Generator(np.random.Philox(np.random.SeedSequence(words)))
+
+
+@frozen
+class ImageSpec(Spec):
+    """What one sensor records of its pixels."""
+
+    name: str
+    pixels: PixelsSpec
+    places: PlacesSpec
+    sources: Sources
+    spectrum: Spectrum
+    sensor: SensorChoice  # the [sensor] table
+    pixel_sr: float  # solid angle of a pixel at the image centre
+    noise: NoiseKey
+    noisy: bool  # whether the sensor draws random numbers
+    reads = ("pixels", "places")
+    stage = "sensor"
+
+    @property
+    def precision(self) -> str:
+        """Returns the arithmetic on the device, and the type in which images are stored."""
+        return self.places.ends.precision
+
+    def run(self, device: Device, pixels: Pixels, places: Places) -> Recorded:
+        """Returns what reached the sensor, and its image or what went wrong."""
+        del device
+        sight = self._sight(pixels, places)
+        hole = _hole(sight, self.places.ends.geometry.frame, self.places.ends.geometry.raster)
+        if hole:
+            return Recorded(sight, None, f"{self.name}: {hole}; please report the scene")
+        sensor = sensors.make(self.sensor.model_dump())
+        stored = np.dtype(self.precision)
+        rng = self.noise.generator()
+        try:
+            image = sensors.observe(sensor, sight, rng, stored, RESERVED_NAMES)
+        except PluginFailure as failure:
+            return Recorded(sight, None, f"{self.name}: {failure}")
+        return Recorded(sight, image, None)
+
+    def _sight(self, pixels: Pixels, places: Places) -> Sight:
+        nodes, precision = self.spectrum.nodes_hz.array, self.precision
+        common = (
+            np.asarray(self.spectrum.planes(nodes)),
+            np.asarray(pixels.depth, precision),
+            np.asarray(places.path_length, precision),
+            places.target,
+            None if places.cosine is None else np.asarray(places.cosine, precision),
+            self.pixel_sr,
+            nodes,
+            self.spectrum.asked(),
+        )
+        if isinstance(self.sources, Emission):
+            air_k = self.sources.air_k
+            air = np.asarray(self.spectrum.planes(radiometry.planck(nodes, air_k)))
+            return Radiances(*common, pixels.contrast, air, air_k)
+        outgoing = np.asarray(places.outgoing_length, precision)
+        return Echoes(*common, pixels.contrast, outgoing)
+
+    def describe(self) -> dict[str, Work | LeftOut]:
+        """Returns whether noise is drawn."""
+        drawn = Work("", "drawn by the sensor, from the seed")
+        return {"noise": drawn if self.noisy else LeftOut("a noiseless sensor")}
+
+    def memory(self) -> Memory:
+        """Returns the planes of what reaches the sensor, and of its image."""
+        height, width = self.pixels.steps.pixels
+        return Memory((8 * height * width * (self.spectrum.count + 2),))
+
+
+def _hole(sight: Sight, frame: Values, rays: Raster) -> str | None:
+    """Returns the first pixel that is not a number, and its ray, in words; None if all are."""
+    signal = sight.returned if isinstance(sight, Echoes) else sight.contrast
+    planes: list[NDArray[Any]] = [sight.optical_depth, signal]
+    if all(np.isfinite(plane.sum(dtype=np.float64)) for plane in planes):
+        return None
+    bad = ~np.all([np.isfinite(plane).all(axis=0) for plane in planes], axis=0)
+    if not bad.any():
+        return None
+    row, column = (int(n) for n in np.argwhere(bad)[0])
+    position, forward, right, up = frame.array
+    across = (column + 0.5) * rays.block[1] + rays.margin - 0.5 * rays.columns
+    above = 0.5 * rays.rows - rays.margin - (row + 0.5) * rays.block[0]
+    x, y, z = forward + across * right + above * up
+    a, b, c = position
+    return (
+        f"{int(bad.sum())} pixels are not finite numbers; the first is row {row}, column {column}, "
+        f"whose ray runs from ({a:g}, {b:g}, {c:g}) m along ({x:.6g}, {y:.6g}, {z:.6g})"
+    )

@@ -1,0 +1,147 @@
+"""The frequencies that a sensor sees: each for itself, or summed over bands."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from thzcl.device.opencl import Device
+from thzcl.graph import Values, frozen
+from thzcl.paths import shade
+from thzcl.paths.shade import Shaded
+from thzcl.paths.trace import Paths
+from thzcl.sensor import Needs
+from thzcl.surfaces.radiance import Sources
+
+Array = NDArray[np.float64]
+
+
+@frozen
+class Frequencies:
+    """Single frequencies."""
+
+    nodes_hz: Values  # (frequency,)
+
+    @property
+    def count(self) -> int:
+        """Returns how many planes an image has."""
+        return self.nodes_hz.shape[0]
+
+    def planes(self, values: Any) -> Any:
+        """Returns values by frequency, (frequency, ...), as they are."""
+        return values
+
+    def asked(self) -> Array | None:
+        """Returns None: there are no weights."""
+        return None
+
+    def sum_by_ray(self, values: Array) -> Array:
+        """Returns values (ray, frequency) as they are."""
+        return values
+
+    def shade(
+        self, device: Device, paths: Paths, coefficients: Array, sources: Sources, precision: str
+    ) -> Shaded:
+        """Returns depth and contrast, (frequency, ray); `coefficients` (frequency, power), 1/m."""
+        table = sources.table(self.nodes_hz.array)
+        return shade.shade(device, paths, coefficients, table, precision)
+
+    def mean_depth(self, depth: Array, sources: Sources) -> Array:
+        """Returns the depth by frequency, (frequency, ray), as it is."""
+        del sources
+        return depth
+
+    def faintest_depth(self, ratio: Array, absorption: Array) -> float:
+        """Returns the depth, at the thinnest frequency, behind which nothing is worth its share.
+
+        `ratio` (frequency,) is what surfaces send over what may be lost, `absorption` (frequency,)
+        that of the mean air, 1/m.
+        """
+        seen = ratio > 0
+        thinness = np.divide(
+            absorption.min(), absorption, out=np.ones_like(absorption), where=absorption > 0
+        )
+        return float((np.log(ratio[seen]) * thinness[seen]).max())
+
+
+@frozen
+class Bands:
+    """Sums over frequency, one for each band."""
+
+    nodes_hz: Values  # (frequency,)
+    given: Values  # (band, frequency): the weights as the sensor gave them
+
+    @property
+    def count(self) -> int:
+        """Returns how many planes an image has."""
+        return self.given.shape[0]
+
+    @property
+    def weights(self) -> Array:
+        """Returns the weights with rows of sum 1, (band, frequency)."""
+        return np.asarray(self.given.array / self.given.array.sum(axis=1, keepdims=True))
+
+    def planes(self, values: Any) -> Any:
+        """Returns the bands' means of values by frequency, (frequency, ...) to (band, ...)."""
+        return self.weights @ values
+
+    def asked(self) -> Array | None:
+        """Returns the weights as the sensor gave them, (band, frequency)."""
+        return self.given.array
+
+    def sum_by_ray(self, values: Array) -> Array:
+        """Returns the bands' means of values (ray, frequency), (ray, band)."""
+        return np.asarray(values @ self.weights.T)
+
+    def shade(
+        self, device: Device, paths: Paths, coefficients: Array, sources: Sources, precision: str
+    ) -> Shaded:
+        """Returns depth and contrast, (band, ray); `coefficients` (frequency, power), 1/m."""
+        nodes, weights = self.nodes_hz.array, self.weights
+        passing = sources.passing(weights, nodes)
+        table = sources.table(nodes)
+        return shade.shade_bands(device, paths, coefficients, table, weights, passing, precision)
+
+    def mean_depth(self, depth: Array, sources: Sources) -> Array:
+        """Returns the depth of the bands' mean transmission, (band, ray).
+
+        `depth` is (frequency, ray); neither thin nor deep air loses its digits.
+        """
+        found = []
+        for row in sources.passing(self.weights, self.nodes_hz.array):
+            least = depth[row > 0].min(axis=0).astype(np.float64)
+            beyond = np.minimum(least - depth, 0.0)
+            lost = row @ -np.expm1(beyond)
+            # Of the two sums that which is the smaller part of 1 has the digits.
+            small = np.log1p(-np.minimum(lost, 0.5))
+            found.append(least - np.where(lost < 0.5, small, np.log(row @ np.exp(beyond))))
+        return np.array(found)
+
+    def faintest_depth(self, ratio: Array, absorption: Array) -> float:
+        """Returns the depth, at the thinnest frequency, behind which nothing is worth its share.
+
+        `ratio` (band,) is what surfaces send over what may be lost.
+        """
+        del absorption
+        return float(np.log(ratio).max())
+
+
+Spectrum = Frequencies | Bands
+
+
+def spectrum(needs: Needs) -> Spectrum:
+    """Returns what a sensor asks for."""
+    nodes = Values.of(needs.frequency_hz)
+    if needs.weights is None:
+        return Frequencies(nodes)
+    return Bands(nodes, Values.of(np.atleast_2d(np.asarray(needs.weights, dtype=np.float64))))
+
+
+def finer(needs: Needs) -> Spectrum | None:
+    """Returns a sensor's bands summed far more finely, if it knows them."""
+    if needs.finer is None:
+        return None
+    frequency_hz, weights = (np.asarray(values, dtype=np.float64) for values in needs.finer)
+    return Bands(Values.of(frequency_hz), Values.of(np.atleast_2d(weights)))

@@ -1,0 +1,195 @@
+"""What the stress cases are held to: closed forms, and the float64 twin's walk from voxel to voxel.
+
+Absorption is MPM93 itself at each voxel's own humidity and temperature: no polynomial, no path
+moments, no cut-off. Of the run, nothing is taken but the cube that it saved.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from thzcl.air.mpm93 import attenuation, line_centers_ghz, line_width_ghz
+from thzcl.error.twin import planck, planck_difference, transfer, walk
+from thzcl.results.contents import Cube
+from thzcl.scenario.scene import Box, Scene
+from thzcl.surfaces.geometry import ROTATIONS
+
+Array = NDArray[np.float64]
+GAS_CONSTANT_OF_VAPOUR = 461.525  # J kg-1 K-1
+
+
+class RayEnds(NamedTuple):
+    """Where the rays of an image end, all (y, x): how far away, and on what kind of surface."""
+
+    length_m: Array
+    temperature_k: Array
+    reflectivity: Array
+
+
+@dataclass(frozen=True)
+class Truth:
+    """What the camera should see, (frequency, y, x).
+
+    Radiances in W m-2 sr-1 Hz-1 are differences from the mean air's: `surface` unattenuated,
+    `coldest` and `warmest` the least and the largest that a ray meets, its surface included.
+    `thinnest_voxel` is the depth across the least absorbing voxel met, along its edge.
+    """
+
+    optical_depth: Array
+    surface: Array
+    contrast: Array
+    coldest: Array
+    warmest: Array
+    thinnest_voxel: float
+
+
+def absorption(
+    scene: Scene, frequency_hz: Array, grams_m3: Array | float, temperature_k: Array | float
+) -> Array:
+    """Returns the absorption in 1/m of air with so much vapour; the arguments broadcast.
+
+    The vapour's pressure is limited to the total pressure.
+    """
+    air = scene.atmosphere
+    pascal = np.maximum(grams_m3, 0) / 1e3 * GAS_CONSTANT_OF_VAPOUR * temperature_k
+    vapour_hpa = np.minimum(pascal / 100, air.pressure_hpa)
+    return attenuation(
+        air.model, frequency_hz / 1e9, temperature_k, air.pressure_hpa, vapour_hpa
+    ).total_per_m
+
+
+def directions(scene: Scene) -> Array:
+    """Returns unit vectors through the middles of the pixels, (y, x, 3)."""
+    camera = scene.camera
+    forward = np.subtract(camera.look_at_m, camera.position_m)
+    forward /= np.sqrt(forward @ forward)
+    right = np.cross(forward, camera.up)
+    right /= np.sqrt(right @ right)
+    (plane_x, plane_y), (width, height) = camera.focal_plane_mm, camera.pixels
+    x = ((np.arange(width) + 0.5) / width - 0.5) * plane_x / camera.focal_length_mm
+    y = (0.5 - (np.arange(height) + 0.5) / height) * plane_y / camera.focal_length_mm
+    rays = forward + x[None, :, None] * right + y[:, None, None] * np.cross(right, forward)
+    return np.asarray(rays / np.sqrt((rays**2).sum(axis=-1, keepdims=True)))
+
+
+def ray_ends(scene: Scene) -> RayEnds:
+    """Returns where rays end: at the background, the ground, or the near face of a wall.
+
+    A wall is a box larger than the view, and its near face is x = constant.
+    """
+    rays, air_k = directions(scene), scene.atmosphere.temperature_k
+    x, _, z = scene.camera.position_m
+    lengths = [np.full(rays.shape[:2], scene.background.max_range_m)]
+    kinds = [(_kelvin(scene.background.temperature_k, air_k), 0.0)]
+    with np.errstate(divide="ignore"):
+        if scene.ground is not None:
+            lengths.append(np.where(rays[..., 2] < 0, -z / rays[..., 2], np.inf))
+            kinds.append((_kelvin(scene.ground.temperature_k, air_k), scene.ground.reflectivity))
+        for wall in scene.targets.values():
+            if isinstance(wall, Box):
+                away = wall.center_m[0] - wall.size_m[0] / 2 - x
+                lengths.append(np.where(rays[..., 0] > 0, away / rays[..., 0], np.inf))
+                kinds.append((_kelvin(wall.temperature_k, air_k), wall.reflectivity))
+    nearest = np.argmin(lengths, axis=0)
+    kelvin, reflectivity = np.array(kinds).T
+    return RayEnds(np.min(lengths, axis=0), kelvin[nearest], reflectivity[nearest])
+
+
+def _kelvin(temperature_k: float | None, air_k: float) -> float:
+    """Returns a surface's temperature, the air's where it has none of its own."""
+    return air_k if temperature_k is None else temperature_k
+
+
+def truth(scene: Scene, frequency_hz: Array, cube: Cube | None) -> Truth:
+    """Returns what the camera should see through the saved cube or, without one, uniform air."""
+    ends, air_k = ray_ends(scene), scene.atmosphere.temperature_k
+    environment = scene.background.environment
+    around_k = {"air": air_k, "none": 0.0}.get(str(environment), environment)
+    hz = frequency_hz[:, None, None]
+    own = planck_difference(hz, ends.temperature_k, air_k)
+    reflected = planck_difference(hz, float(around_k), air_k)
+    surface = (1 - ends.reflectivity) * own + ends.reflectivity * reflected
+    if cube is not None:
+        return _through(scene, frequency_hz, cube, ends.length_m, surface)
+    per_m = absorption(scene, hz, scene.atmosphere.air.absolute_humidity_g_m3, air_k)
+    depth = per_m * ends.length_m
+    cold, warm = np.minimum(surface, 0), np.maximum(surface, 0)
+    return Truth(depth, surface, surface * np.exp(-depth), cold, warm, np.inf)
+
+
+def _through(scene: Scene, frequency_hz: Array, cube: Cube, path_m: Array, surface: Array) -> Truth:
+    """Returns what rays of given lengths (y, x) bring through a cube, from what they end at."""
+    grid, rays = len(cube.absolute_humidity_g_m3), directions(scene).reshape(-1, 3)
+    fluctuations, air_k = scene.atmosphere.fluctuations, scene.atmosphere.temperature_k
+    turn = ROTATIONS[fluctuations.orientation if fluctuations else "aligned"]
+    start = np.mod(turn @ np.array(scene.camera.position_m) / cube.voxel_m, grid)
+    lengths, voxels = walk(
+        np.broadcast_to(start, rays.shape), rays @ turn.T, path_m.ravel(), cube.voxel_m, grid
+    )
+    # MPM93 is asked of each voxel once, however many rays meet it.
+    met, where = np.unique(voxels, return_inverse=True)
+    where = where.reshape(voxels.shape)
+    grams = cube.absolute_humidity_g_m3.ravel()[met].astype(np.float64)
+    warmth = cube.air_temperature_k
+    kelvin = np.full(len(met), air_k) if warmth is None else warmth.ravel()[met]
+    per_m = absorption(scene, frequency_hz[:, None], grams, kelvin)
+    tau = per_m[:, where] * lengths
+    emitted = planck_difference(frequency_hz[:, None], kelvin, air_k)[:, where]
+    behind, crossed = surface.reshape(len(frequency_hz), -1), lengths > 0
+    planes = (
+        tau.sum(axis=2),
+        behind,
+        transfer(tau, emitted, behind),
+        np.minimum(np.where(crossed, emitted, np.inf).min(axis=2), behind),
+        np.maximum(np.where(crossed, emitted, -np.inf).max(axis=2), behind),
+    )
+    depth, source, contrast, cold, warm = (plane.reshape(surface.shape) for plane in planes)
+    return Truth(depth, source, contrast, cold, warm, float(per_m.min()) * cube.voxel_m)
+
+
+class BandTruth(NamedTuple):
+    """What a flat band brings through uniform air: mean transmission, and contrast.
+
+    The contrast is relative to the air's radiance.
+    """
+
+    transmission: float
+    contrast: float
+
+
+def band(scene: Scene, low_hz: float, high_hz: float, power: float) -> BandTruth:
+    """Returns sums over a flat band for a ray that ends at max_range_m.
+
+    Radiance is weighted with frequency to a `power`.
+    """
+    hz, weights = _fine_rule(low_hz, high_hz, line_width_ghz(scene.atmosphere.pressure_hpa) * 1e9)
+    air_k = scene.atmosphere.temperature_k
+    behind_k = _kelvin(scene.background.temperature_k, air_k)
+    per_m = absorption(scene, hz, scene.atmosphere.air.absolute_humidity_g_m3, air_k)
+    passed = np.exp(-per_m * scene.background.max_range_m)
+    weights = weights * (hz / low_hz) ** power
+    of_air = planck(hz, air_k)
+    behind, whole = planck_difference(hz, behind_k, air_k), weights @ of_air
+    return BandTruth(
+        float(weights @ (of_air * passed) / whole), float(weights @ (behind * passed) / whole)
+    )
+
+
+def _fine_rule(low_hz: float, high_hz: float, line_width_hz: float) -> tuple[Array, Array]:
+    """Returns frequencies and weights, some hundred times as many as a run takes.
+
+    Gauss-Legendre rules of twelve points stand between cuts that close in on every line by factors
+    of 1.6, from the whole band down to a hundredth of a line's width.
+    """
+    span = 100 * (high_hz - low_hz) / line_width_hz
+    steps = 0.01 * line_width_hz * 1.6 ** np.arange(np.ceil(np.log(span) / np.log(1.6)))
+    near = np.add.outer(line_centers_ghz() * 1e9, [*-steps, 0.0, *steps]).ravel()
+    cuts = np.concatenate([near, np.linspace(low_hz, high_hz, 201)])
+    cuts = np.unique(np.clip(cuts, low_hz, high_hz))
+    x, w = np.polynomial.legendre.leggauss(12)
+    half = np.diff(cuts)[:, None] / 2
+    return (cuts[:-1, None] + half * (1 + x)).ravel(), (half * w).ravel()

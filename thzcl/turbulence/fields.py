@@ -1,0 +1,179 @@
+"""The cubes that rays cross, as specs: a realisation of random air, or a cube from a file."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from thzcl.air.mean import Air
+from thzcl.device.opencl import Device
+from thzcl.graph import LeftOut, Memory, Spec, Work, frozen
+from thzcl.turbulence.cube import Field, Span, generate, load
+from thzcl.turbulence.cube_file import CubeFile
+from thzcl.turbulence.spectra import Turbulence
+
+SEED_STEP = 0x9E3779B97F4A7C15  # 2^64 over the golden ratio: neighbours share no realisation
+ONE_TEMPERATURE = LeftOut("air temperature does not fluctuate")
+WARM = Work("", "temperature fluctuates too")
+
+
+@frozen
+class FieldSpec(Spec):
+    """One realisation of the fluctuations on the periodic cube."""
+
+    turbulence: Turbulence
+    ceiling: float  # the largest delta that the pressure admits; infinite where out of reach
+    precision: str
+    library: str | None = None  # of the Fourier transform; None: the device's usual one
+    stage = "humidity-field"
+
+    @property
+    def grid(self) -> int:
+        """Returns the voxels along an edge."""
+        return self.turbulence.grid
+
+    @property
+    def voxel_m(self) -> float:
+        """Returns the edge of a voxel."""
+        return self.turbulence.voxel_m
+
+    @property
+    def isothermal(self) -> bool:
+        """Returns whether the cube has one temperature."""
+        return not self.turbulence.temperature_fluctuates
+
+    @property
+    def random(self) -> Turbulence | None:
+        """Returns the statistics of air that is drawn at random."""
+        return self.turbulence
+
+    def spans(self) -> tuple[Span, Span]:
+        """Returns ranges of delta and of temperature's departure left with probability 1e-6."""
+        return self.turbulence.humidity_span(), self.turbulence.temperature_span()
+
+    def realization(self, number: int) -> FieldSpec:
+        """Returns the cube of another realisation; number 0 is this one."""
+        seed = (self.turbulence.seed + number * SEED_STEP) % 2**63
+        return replace(self, turbulence=replace(self.turbulence, seed=seed))
+
+    def run(self, device: Device) -> Field:
+        """Returns the cube on the device."""
+        return generate(device, self.turbulence, self.precision, self.ceiling, self.library)
+
+    def describe(self) -> dict[str, Work | LeftOut]:
+        """Returns that there is a cube, and whether it has a temperature of its own."""
+        cube = Work("cube"), ONE_TEMPERATURE if self.isothermal else WARM
+        return dict(zip(("humidity-field", "temperature-field"), cube, strict=True))
+
+    def memory(self) -> Memory:
+        """Returns the cube's, and that of spectrum and transform while it is made."""
+        voxels, real = self.grid**3, np.dtype(self.precision).itemsize
+        made = (4 * voxels,) * 3 if self.isothermal else (8 * voxels,) * 2
+        return Memory((real * voxels,) * (1 if self.isothermal else 2), made)
+
+
+@frozen
+class CubeSpec(Spec):
+    """A cube from a file, as departures from the scene's mean air."""
+
+    cube: CubeFile
+    mean_g_m3: float
+    mean_k: float
+    ceiling: float  # the largest delta that the pressure admits
+    precision: str
+    stage = "humidity-field"
+
+    @property
+    def grid(self) -> int:
+        """Returns the voxels along an edge."""
+        return self.cube.grid
+
+    @property
+    def voxel_m(self) -> float:
+        """Returns the edge of a voxel."""
+        return self.cube.voxel_m
+
+    @property
+    def isothermal(self) -> bool:
+        """Returns whether the cube has one temperature."""
+        return self.cube.temperature_span_k is None
+
+    @property
+    def random(self) -> Turbulence | None:
+        """Returns None: nothing is drawn at random."""
+        return None
+
+    def spans(self) -> tuple[Span, Span]:
+        """Returns ranges of delta and of temperature's departure from the mean, K."""
+        low, high = (value / self.mean_g_m3 - 1 for value in self.cube.humidity_span_g_m3)
+        coldest, warmest = self.cube.temperature_span_k or (self.mean_k, self.mean_k)
+        return (low, high), (coldest - self.mean_k, warmest - self.mean_k)
+
+    def realization(self, number: int) -> CubeSpec:
+        """Returns this cube: there is no other."""
+        del number
+        return self
+
+    def run(self, device: Device) -> Field:
+        """Returns the cube on the device."""
+        mean = self.mean_g_m3, self.mean_k
+        return load(device, self.cube, *mean, self.precision, self.ceiling)
+
+    def describe(self) -> dict[str, Work | LeftOut]:
+        """Returns that there is a cube, and whether it has a temperature of its own."""
+        cube = Work("cube"), ONE_TEMPERATURE if self.isothermal else WARM
+        return dict(zip(("humidity-field", "temperature-field"), cube, strict=True))
+
+    def memory(self) -> Memory:
+        """Returns the cube's, and that of the file's numbers in float64."""
+        voxels, real = self.grid**3, np.dtype(self.precision).itemsize
+        count = 1 if self.isothermal else 2
+        return Memory((real * voxels,) * count, (8 * voxels,) * count)
+
+
+AnyField = FieldSpec | CubeSpec
+
+
+@frozen
+class NotesSpec(Spec):
+    """What is to be told of a cube that was made."""
+
+    field: AnyField
+    reads = ("field",)
+    stage = "humidity-field"
+
+    def run(self, device: Device, field: Field) -> tuple[str, ...]:
+        """Returns notes on values that had to be limited."""
+        del device
+        return field.notes
+
+
+class SavedCube(NamedTuple):
+    """A cube to be stored, (z, y, x): absolute humidity in g/m3, temperature in K or None."""
+
+    humidity: NDArray[Any]
+    temperature: NDArray[np.float64] | None
+    voxel_m: float
+
+
+@frozen
+class SavedCubeSpec(Spec):
+    """A cube in the units of one mean air."""
+
+    field: AnyField
+    air: Air
+    reads = ("field",)
+    stage = "humidity-field"
+
+    def run(self, device: Device, field: Field) -> SavedCube:
+        """Returns the cube on the host."""
+        del device
+        relative = 1 + field.delta.host().astype(np.float64)
+        humidity = (self.air.absolute_humidity_g_m3 * relative).astype(self.field.precision)
+        if field.offset is None:
+            return SavedCube(humidity, None, field.voxel_m)
+        warmth = self.air.temperature_k + field.offset.host().astype(np.float64)
+        return SavedCube(humidity, warmth, field.voxel_m)
