@@ -1,11 +1,12 @@
-"""That tests/bench compares like with like.
+"""tests/bench compares like with like: each rival does the same work, to the error told of it.
 
-Every rival does the same work to the error that is told of it. No times.
+No times are measured here.
 """
 
 from __future__ import annotations
 
 import json
+import subprocess
 import sys
 
 import numpy as np
@@ -18,6 +19,7 @@ from thzcl.clock import Clock
 sys.path.append(str(ROOT / "tests" / "bench"))
 import claims
 import mitsuba_march
+import processes
 import readme
 import rivals
 import setting
@@ -41,7 +43,7 @@ def test_ours_on_packets_and_on_single_rays(device, small):
     plain = setting.make(setting.OneLane(device.context.devices[0], device.info), SMALL)
     assert error(small, small.trace()) < FLOAT32
     assert error(plain, plain.trace()) < FLOAT32
-    assert plain.trace().segments == pytest.approx(small.trace().segments, rel=1e-4)
+    assert plain.segments() == pytest.approx(small.segments(), rel=1e-4)
 
 
 WARM = {"atmosphere.fluctuations.temperature_sigma_k": 0.5, "sensor.frequency_ghz": [640, 660]}
@@ -59,10 +61,7 @@ WARM = {"atmosphere.fluctuations.temperature_sigma_k": 0.5, "sensor.frequency_gh
     ],
 )
 def test_images_of_single_rays_as_a_gpu_has_them(device, name, settings):
-    """Every kernel with one ray to a work-item gives the images that packets give.
-
-    To float32's rounding.
-    """
+    """Kernels with one ray to a work-item give the images of packets, to float32's rounding."""
     single = setting.OneLane(device.context.devices[0], device.info)
     plan = pipeline.prepare(
         name, {"camera.pixels": [24, 24], "numerics.error_budget": False} | settings
@@ -77,9 +76,8 @@ def test_images_of_single_rays_as_a_gpu_has_them(device, name, settings):
 
 def test_a_tolerance_thins_the_rays(device, small):
     thinned = setting.make(device, SMALL | {"numerics.tolerance": 1e-3, "numerics.ray_stride": 4})
-    paths = thinned.trace()
-    assert paths.segments < small.trace().segments
-    assert FLOAT32 < error(thinned, paths) < 0.1
+    assert thinned.segments() < small.segments()
+    assert FLOAT32 < error(thinned, thinned.trace()) < 0.1
 
 
 def test_numpy_marches_the_same_rays(small):
@@ -141,10 +139,23 @@ def test_a_claim_without_times_is_measured(device):
     assert share.met and memory.met
 
 
-def test_readme_shows_the_records():
-    """Its tables are made of them.
+def test_a_command_is_held_to_imports_of_what_it_imports(tmp_path):
+    """Neither fewer modules nor more, of others than thzcl and Python."""
+    names = processes.imported(["sensors"], tmp_path)
+    packages = {name.partition(".")[0] for name in names}
+    assert {"typer", "pydantic", "numpy", "pluggy"} <= packages
+    assert not packages & {"thzcl", "json", "matplotlib", "pyopencl"}
+    afterwards = f"{processes.IMPORT}; print(*sys.modules)"
+    found = subprocess.run(
+        [sys.executable, "-c", afterwards, *names], capture_output=True, text=True, check=True
+    ).stdout.split()
+    assert set(names) == {name for name in found if name.partition(".")[0] in packages}
 
-    By `python tests/bench --output tests/bench/record.json --readme`.
+
+def test_readme_shows_the_records():
+    """README's tables are made of tests/bench/record.json, and no one types a figure.
+
+    `python tests/bench --output tests/bench/record.json --readme` writes both.
     """
     found = json.loads((ROOT / "tests" / "bench" / "record.json").read_text(encoding="utf-8"))
     text = (ROOT / "README.md").read_text(encoding="utf-8")

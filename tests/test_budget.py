@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-import oracle
 import pytest
 from scenes import run, scene, write
 from test_trace import expected
 
 from thzcl import pipeline
 from thzcl.air import radiometry
-from thzcl.air.mean import Air
-from thzcl.error.twin import exact, walk
 from thzcl.plan import report as overview
 from thzcl.scenario.source import shipped
 
@@ -191,35 +188,3 @@ def test_a_missed_tolerance_is_told(tmp_path):
     """Given settings that cannot keep to it."""
     result = run(tmp_path, scene(numerics={"tolerance": 1e-6, "moments": 1}))
     assert any("tolerance" in warning for warning in result.warnings)
-
-
-@pytest.mark.parametrize("pressure", [1.0, 1013.25])
-@pytest.mark.parametrize("ghz", [183.31, 556.936, 650.0])
-def test_the_reference_is_mpm93_itself(ghz, pressure):
-    """To 1e-12 of the mean absorption, at line centres and at 1 hPa too.
-
-    What a table of 33 nodes cannot miss.
-    """
-    air = Air("mpm93", 290.0, pressure, 10.0 * pressure / 1013.25)
-    absorber = exact(air, np.array([ghz * 1e9]), (-0.9, 3.0), (-5.0, 5.0))
-    delta, offset = np.linspace(-0.9, 3.0, 57), np.linspace(-5.0, 5.0, 57)
-    u, v = (np.linspace(-1, 1, 57),) * 2
-    found = np.polynomial.chebyshev.chebgrid2d(u, v, absorber.series[0])
-    grams = 10.0 * pressure / 1013.25 * (1 + delta)
-    truth = oracle.absorption_per_m(ghz * 1e9, 290.0 + offset[None, :], pressure, grams[:, None])
-    assert np.abs(found - truth).max() < 1e-12 * truth.max() * (1 if pressure > 100 else 10)
-
-
-def test_the_reference_walks_as_the_oracle_does():
-    """The same voxels and lengths, for rays of all directions and along axes."""
-    rng = np.random.default_rng(2)
-    direction = rng.normal(size=(20, 3))
-    direction[0], direction[1] = (0, 0, 1), (-1, 0, 0)
-    direction /= np.linalg.norm(direction, axis=1, keepdims=True)
-    origin, length = rng.uniform(0, 16, (20, 3)), rng.uniform(1, 60, 20)
-    cube = rng.normal(size=(16, 16, 16))
-    lengths, voxel = walk(origin, direction, length, 1.0, 16)
-    for ray in range(20):
-        cells, metres = oracle.segments(origin[ray], direction[ray], length[ray], 16)
-        truth = (cube[cells[:, 2], cells[:, 1], cells[:, 0]] * metres).sum()
-        assert (cube.ravel()[voxel[ray]] * lengths[ray]).sum() == pytest.approx(truth, abs=1e-10)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import os
 
 import numpy as np
 import pytest
@@ -11,17 +12,21 @@ from scenes import scene, write
 
 from thzcl.device.choose import open_device
 from thzcl.errors import ScenarioError
-from thzcl.studies.convergence import Point, study
+from thzcl.graph import evaluate
 from thzcl.studies.convergence.knobs import KNOBS
-from thzcl.studies.convergence.study import default_over_front, front
+from thzcl.studies.convergence.specs import CoarseSpec
+from thzcl.studies.convergence.study import Point, default_over_front, front, study
 from thzcl.studies.convergence.subject import Subject, errors
 
 BAND = {"kind": "passive-broadband", "center_ghz": 650.0, "bandwidth_ghz": 60.0}
 
 
+def subject_of(folder, data):
+    return Subject(write(folder, data), {}, (), open_device())
+
+
 def studied(folder, data, knobs, repeat=1, progress=lambda _: None):
-    subject = Subject(write(folder, data), {}, (), open_device())
-    return study(subject, folder, knobs, repeat, progress)
+    return study(subject_of(folder, data), folder, knobs, repeat, progress)
 
 
 def by_setting(found, knob):
@@ -148,3 +153,52 @@ def test_the_command(thzcl_json, tmp_path):
     with (tmp_path / "scene-convergence.csv").open(newline="") as file_:
         assert len(list(csv.DictReader(file_))) == len(found["points"])
     assert (tmp_path / "scene-convergence.png").stat().st_size > 10_000
+
+
+def variants(data, **changes):
+    """The data with two variants, of which the second changes some keys."""
+    named = {name.replace("__", "."): value for name, value in changes.items()}
+    return data | {"variants": [{"name": "one", "set": {}}, {"name": "other", "set": named}]}
+
+
+def test_each_frequency_has_a_table_of_its_own(tmp_path):
+    """Variants whose polynomials share one trace share none where absorption is looked up."""
+    data = variants(scene(), sensor__frequency_ghz=850.0)
+    tables = by_setting(studied(tmp_path, data, ["table"]), "table")
+    assert tables["10 %"] > 30 * tables["1 %"] > 1e-7
+    assert tables["0.5 %"] < 2e-6
+
+
+def test_libraries_differ_by_rounding_alone(tmp_path):
+    libraries = by_setting(studied(tmp_path, scene(), ["fft"]), "fft")
+    assert len(set(libraries.values())) == len(libraries)
+    assert max(libraries.values()) < 1e-6
+
+
+def test_coarse_air_is_the_mean_of_finer_voxels(tmp_path):
+    fluctuations = {"sigma_percent": 20.0, "voxel_m": 0.7, "grid": 16, "temperature_sigma_k": 1.0}
+    warm = scene(atmosphere__fluctuations=fluctuations | {"seed": 3})
+    subject = subject_of(tmp_path, warm)
+    cube = subject.plan.variants[0].cube
+    ((fine, coarse),) = evaluate([(cube, CoarseSpec(cube, 8))], subject.device)
+    assert (coarse.grid, coarse.voxel_m) == (8, pytest.approx(1.4))
+    for finer, mean in ((fine.delta, coarse.delta), (fine.offset, coarse.offset)):
+        block = finer.host()[4:6, 14:16, 0:2].astype(float)
+        assert mean.host()[2, 7, 0] == pytest.approx(block.mean(), abs=1e-6)
+
+
+def test_knobs_that_some_variant_defeats_are_left_out(tmp_path):
+    data = variants(scene(), atmosphere__fluctuations__grid=16)
+    (left_out,) = studied(tmp_path, data, ["voxel"])["left_out"]
+    assert left_out["reason"] == "a variant sets grid or voxel_m itself"
+    (left_out,) = studied(tmp_path, scene(atmosphere__fluctuations=None), ["cutoff"])["left_out"]
+    assert "none is cut off" in left_out["reason"]
+
+
+def test_what_stands_in_the_study_s_place_is_no_study(tmp_path):
+    """Neither a pipe, which would be waited for, nor nonsense is gone on with."""
+    path = tmp_path / "scene-convergence.json"
+    os.mkfifo(path)
+    assert len(studied(tmp_path, scene(), ["arithmetic"])["points"]) == 2
+    path.write_text("[" * 100_000)
+    assert len(studied(tmp_path, scene(), ["arithmetic"])["points"]) == 2

@@ -1,7 +1,4 @@
-"""Work counted rather than timed: what a change makes the device do more often shows here.
-
-On any machine, without noise.
-"""
+"""Work is counted, not timed: what a change makes the device do more often shows without noise."""
 
 from __future__ import annotations
 
@@ -10,7 +7,6 @@ import pytest
 from thzcl import pipeline
 from thzcl.clock import Clock
 from thzcl.device.choose import open_device
-from thzcl.plan.compute import recipes
 from thzcl.scenario.source import shipped
 
 # Change these where a scene, a kernel's place in the flow, or what is handed to it changes on
@@ -26,14 +22,17 @@ SEGMENTS = {
     "slide": 29_799,
     "uniform": 0,
 }
-COUNTERS = {"programs": 4, "launches": 12, "bytes_copied": 17_487_640}
+# Since variants are a graph, lengths and surfaces of the 64 x 64 rays are read once for what all
+# six images show, and once for the cut-off (3 readings of 16 KiB more), but the way out, which is
+# the way back, no more for each image (6 fewer): 17,487,640 bytes before.
+COUNTERS = {"programs": 4, "launches": 12, "segments": 476_713, "bytes_copied": 17_438_488}
 
 
 @pytest.fixture(scope="module")
 def counted():
-    """Voxel segments and counters of a scene, alone on a device of its own.
+    """Returns a scene's voxel segments and the counters of a device that runs nothing else.
 
-    Without the error budget's extra rays.
+    The error budget, with rays of its own, is left out.
     """
 
     def call(name, *pixels):
@@ -54,22 +53,5 @@ def test_every_scene_crosses_as_many_voxels_as_ever(counted, name):
 
 
 def test_the_device_is_asked_to_do_as_much_as_ever(counted):
-    """One field, one trace and six shadings: kernels built, launched.
-
-    And bytes that change hands.
-    """
+    """One field, one trace and six shadings: kernels built and launched, and bytes moved."""
     assert counted("slide", 64, 64)[1] == COUNTERS
-
-
-@pytest.mark.parametrize("name", list(shipped()))
-def test_what_will_be_built_is_known_beforehand(name):
-    """So that two processes can share the work of a first run: no program too few.
-
-    And none too many.
-    """
-    plan = pipeline.prepare(name, {"camera.pixels": [16, 16]})
-    foretold, found = open_device(), open_device()
-    for recipe in recipes(plan):
-        foretold.build(*recipe)
-    pipeline.compute_images(plan, found, Clock())
-    assert set(foretold.build_options) == set(found.build_options)

@@ -7,9 +7,11 @@ import pytest
 from scenes import run, scene, write
 
 from thzcl import pipeline
-from thzcl.plan import report as overview
 from thzcl.errors import ScenarioError
-from thzcl.studies.ensemble import Running, realization
+from thzcl.graph import everything
+from thzcl.plan import report as overview
+from thzcl.studies.ensemble import Running
+from thzcl.turbulence.fields import FieldSpec
 
 
 def test_running_statistics_are_numpys():
@@ -22,15 +24,18 @@ def test_running_statistics_are_numpys():
     assert np.array_equal(running.high - running.low, values.max(axis=0) - values.min(axis=0))
 
 
-def test_an_ensemble_is_its_realisations(tmp_path):
-    """Mean, variance and spread of five images.
+def seed_of(batch):
+    """Returns the seed of the one field that a batch reads."""
+    (field,) = (spec for spec in everything(batch) if isinstance(spec, FieldSpec))
+    return field.turbulence.seed
 
-    Each also computed alone from the seed of its realisation.
-    """
+
+def test_an_ensemble_is_its_realisations(tmp_path):
+    """Mean, variance and spread are those of five images computed alone from their own seeds."""
     data = scene(numerics={"realizations": 5})
     together = run(tmp_path, data)
     plan = pipeline.prepare(write(tmp_path, data))
-    seeds = [realization(plan, number).variants[0].field.source.seed for number in range(5)]
+    seeds = [seed_of(plan.batch(number)) for number in range(5)]
     assert len(set(seeds)) == 5
     assert seeds[0] == 3
     alone = [run(tmp_path, scene(atmosphere__fluctuations__seed=seed)) for seed in seeds]

@@ -59,10 +59,9 @@ def test_temperature_and_humidity_come_from_one_transform(device):
     )
 
 
-@pytest.mark.parametrize("library", ["numpy", "scipy", "reikna"])
 @pytest.mark.filterwarnings("ignore::DeprecationWarning")  # reikna's own
-def test_every_transform_gives_the_same_field(device, library):
-    found = field.generate(device, PLAIN, "float32", library=library).delta.host()
+def test_a_transform_on_the_device_gives_the_same_field(device):
+    found = field.generate(device, PLAIN, "float32", library="reikna").delta.host()
     assert found == pytest.approx(cube(device), abs=0.2 * OTHER_ARITHMETIC)
 
 
@@ -75,7 +74,7 @@ def test_the_same_seed_gives_the_same_field(device):
 @pytest.mark.parametrize("group", [1, 2, 4, 32])
 def test_the_same_field_on_any_work_group_size(device, monkeypatch, group):
     expected = cube(device, grid=32)
-    monkeypatch.setattr("thzcl.device.GROUP", group)
+    monkeypatch.setattr("thzcl.device.opencl.GROUP", group)
     assert np.array_equal(cube(device, grid=32), expected)
 
 

@@ -10,6 +10,9 @@ import zipfile
 import pytest
 from conftest import ROOT
 
+MAPPED = ("kernels", "sensors", "scenarios")  # folders beside the package, installed within it
+INSTALLED = {".py", ".typed", ".csv", ".cl", ".in", ".toml"}
+
 
 @pytest.fixture(scope="module")
 def wheel(tmp_path_factory):
@@ -27,10 +30,11 @@ def test_the_wheel_holds_one_package_and_its_data(wheel):
     names = zipfile.ZipFile(wheel).namelist()
     tops = {name.split("/")[0] for name in names}
     assert {top for top in tops if not top.endswith(".dist-info")} == {"thzcl"}
-    for folder, ending in (("kernels", ".cl"), ("sensors", ".py"), ("scenarios", ".toml")):
-        installed = {name.split("/")[-1] for name in names if name.startswith(f"thzcl/{folder}/")}
-        assert {path.name for path in (ROOT / folder).glob(f"*{ending}")} <= installed
-    assert "thzcl/absorption/mpm93_water_lines.csv" in names
+    for folder, installed in (("thzcl", ""), *((name, "thzcl/") for name in MAPPED)):
+        files = [path for path in (ROOT / folder).rglob("*") if path.suffix in INSTALLED]
+        assert files
+        assert {f"{installed}{path.relative_to(ROOT)}" for path in files} <= set(names)
+    assert "thzcl/air/mpm93_water_lines.csv" in names
     assert not any("gallery" in name for name in names)
 
 

@@ -12,7 +12,7 @@ from scenes import run, scene
 from test_trace import expected
 
 from thzcl.air import radiometry
-from thzcl.surfaces.geometry import ROTATIONS
+from thzcl.turbulence.orientation import ROTATIONS
 
 OF_CONTRAST = 5e-6  # of the unattenuated contrast: float32 depth and shading
 HZ = 650e9

@@ -7,6 +7,7 @@ from scenes import run, scene, write
 
 from thzcl import pipeline
 from thzcl.air.refraction import estimate
+from thzcl.paths.specs import TraceSpec
 from thzcl.plan import report as overview
 
 
@@ -18,8 +19,13 @@ def variants(**changes):
     return [{"name": name, "set": {key: value}} for name, (key, value) in changes.items()]
 
 
+def traces(found):
+    """Returns the paths of a plan that are traced."""
+    return [spec for spec in found.specs() if isinstance(spec, TraceSpec)]
+
+
 def test_six_panels_cost_one_field_and_one_trace():
-    assert len(pipeline.prepare("figure6").groups) == 1
+    assert len(traces(pipeline.prepare("figure6"))) == 1
     reasons = {stage.name: stage.reason for stage in overview.stages(pipeline.prepare("figure6"))}
     assert reasons["humidity-field"] == "1 cube for 6 images"
     assert reasons["trace"].startswith("1 trace of")
@@ -32,7 +38,7 @@ def test_climates_share_the_field_and_the_trace(tmp_path):
             a=("atmosphere.temperature_k", 260.0), b=("atmosphere.relative_humidity_percent", 30.0)
         )
     )
-    assert len(plan(tmp_path, data).groups) == 1
+    assert len(traces(plan(tmp_path, data))) == 1
     together = run(tmp_path, data)
     for number, (key, value) in enumerate(
         (("atmosphere.temperature_k", 260.0), ("atmosphere.relative_humidity_percent", 30.0))
@@ -44,7 +50,7 @@ def test_climates_share_the_field_and_the_trace(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("key", "value", "groups"),
+    ("key", "value", "count"),
     [
         ("targets.box.temperature_k", 250.0, 1),
         ("sensor.frequency_ghz", 350.0, 1),
@@ -54,11 +60,11 @@ def test_climates_share_the_field_and_the_trace(tmp_path):
         ("numerics.precision", "float64", 2),
     ],
 )
-def test_what_a_change_reaches(tmp_path, key, value, groups):
+def test_what_a_change_reaches(tmp_path, key, value, count):
     found = plan(
         tmp_path, scene(variants=variants(a=("targets.box.reflectivity", 0.2), b=(key, value)))
     )
-    assert len(found.groups) == groups
+    assert len(traces(found)) == count
 
 
 @pytest.mark.parametrize(
@@ -103,13 +109,14 @@ def test_uniform_air_needs_no_field_and_no_trace(tmp_path):
 def test_the_bound_of_the_plan_holds_in_the_run(tmp_path):
     for sigma in (20.0, 60.0):
         data = scene(atmosphere__fluctuations__sigma_percent=sigma)
-        bound = plan(tmp_path, data).surrogate_error
+        bound = overview.expansion_error(plan(tmp_path, data))
         assert 0 < run(tmp_path, data).error_budget["absorption-fit"]["max"] <= bound <= 1e-7
 
 
 def test_warnings_where_a_user_should_think_twice(tmp_path):
     def said(**changes):
-        return " ".join(overview.warnings(plan(tmp_path, scene(**changes))))
+        found = plan(tmp_path, scene(**changes))
+        return " ".join(overview.warnings(found, overview.planned_errors(found)))
 
     assert "periods of the 22.4 m cube" in said()
     assert said(atmosphere__fluctuations__grid=256) == ""

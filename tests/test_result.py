@@ -126,7 +126,11 @@ def test_a_saved_cube_is_the_next_scenes_air(two, tmp_path):
     result, path = two
     data = scene(
         sensor__frequency_ghz=[650.0, 350.0],
-        atmosphere__fluctuations={"spectrum": "file", "file": str(path)},
+        atmosphere__fluctuations={
+            "spectrum": "file",
+            "file": str(path),
+            "grid_orientation": "oblique",  # as the cube lay that was saved
+        },
         variants=[{"name": "warm", "set": {}}],
     )
     again = run(tmp_path, data)

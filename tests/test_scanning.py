@@ -7,7 +7,7 @@ import oracle
 import pytest
 from scenes import run, scene
 
-from thzcl.surfaces.geometry import ROTATIONS
+from thzcl.turbulence.orientation import ROTATIONS
 
 ACTIVE = {
     "kind": "active", "frequency_ghz": 650.0, "dynamic_range_db": 80.0,

@@ -10,8 +10,8 @@ import oracle
 import pytest
 from scenes import run, scene
 
-from thzcl.paths import trace
-from thzcl.surfaces.geometry import ROTATIONS
+from thzcl.paths import shade, trace
+from thzcl.turbulence.orientation import ROTATIONS
 
 # Of the image's largest depth: what float32 leaves along some hundred voxels, and float64.
 RMS = {"float32": 5e-7, "float64": 1e-11}
@@ -264,7 +264,7 @@ def test_row_zero_is_the_top_and_column_zero_the_left(tmp_path):
 
 
 def test_the_cut_off_ends_rays_and_changes_nothing_else(tmp_path):
-    """A ray past the cut-off keeps its depth and path so far and meets nothing.
+    """A ray past the cut-off keeps its depth so far, and the length and target of what stands there.
 
     The others are as without it.
     """
@@ -282,8 +282,9 @@ def test_the_cut_off_ends_rays_and_changes_nothing_else(tmp_path):
     whole = run(tmp_path, far).variants[0].radiances
     sight = cut.variants[0].radiances
     assert any("CUTOFF" in options for options in cut.build_options)
-    assert np.all(sight.target == 0)
-    assert np.all(sight.path_length < whole.path_length)
+    assert np.array_equal(sight.target, whole.target)
+    assert np.array_equal(sight.path_length, whole.path_length)
+    assert np.all(sight.optical_depth < whole.optical_depth)
     assert np.all(sight.optical_depth >= 16)
     assert np.all(
         sight.optical_depth < 16 + 17 * 0.7 * np.sqrt(3) * 2.5 * whole.optical_depth.max() / 90
@@ -297,10 +298,13 @@ def test_the_cut_off_ends_rays_and_changes_nothing_else(tmp_path):
         .variants[0]
         .radiances
     )
-    kept = guarded.path_length == shallow.path_length
+    kept = guarded.optical_depth[0] == shallow.optical_depth[0]
     assert 0 < kept.sum() < kept.size
-    assert np.array_equal(guarded.optical_depth[0][kept], shallow.optical_depth[0][kept])
-    assert np.all(guarded.target[~kept] == 0)
+    assert np.array_equal(guarded.contrast[0][kept], shallow.contrast[0][kept])
+    assert np.all(guarded.contrast[0][~kept] == 0)
+    assert np.any(shallow.contrast[0][~kept] != 0)
+    assert np.array_equal(guarded.target, shallow.target)
+    assert np.array_equal(guarded.path_length, shallow.path_length)
 
 
 @pytest.mark.parametrize("precision", ["float32", "float64"])
@@ -312,9 +316,10 @@ def test_bands_far_apart_do_not_disturb_each_other(device, precision):
     rays = 128
     length = device.put(np.linspace(1, 2000, rays), precision)
     surface, blend = device.put(np.zeros(rays, np.int32)), device.empty((1,), precision)
-    paths = trace.Paths(length, surface, blend, None, 0)
+    none = device.empty((0, rays), precision)
+    paths = trace.Paths(length, surface, blend, none, np.zeros(rays, bool))
     coefficients, each = np.array([[1e-4], [1.0]]), np.eye(2)
-    shaded = trace.shade_bands(device, paths, coefficients, np.ones((1, 2)), each, each, precision)
+    shaded = shade.shade_bands(device, paths, coefficients, np.ones((1, 2)), each, each, precision)
     depth = coefficients * length.host()
     assert np.allclose(shaded.depth.host(), depth, rtol=1e-6, atol=0)
     assert np.allclose(shaded.contrast.host(), np.exp(-depth), rtol=1e-5, atol=1e-30)

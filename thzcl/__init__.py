@@ -8,12 +8,12 @@ from pathlib import Path as _Path
 from typing import TYPE_CHECKING as _TYPE_CHECKING
 from typing import Any as _Any
 
-__version__ = "0.1.0"
-
 # Straight from a checkout, the subpackages lie beside this one.
 _root = _Path(__file__).parents[1]
 if not _Path(__file__).with_name("sensors").is_dir() and (_root / "pyproject.toml").is_file():
     __path__.append(str(_root))
+
+from thzcl.results.versions import VERSION as __version__  # noqa: E402 (needs the path above)
 
 if _TYPE_CHECKING:
     from thzcl.device.choose import open_device

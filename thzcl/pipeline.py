@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-import platform
-import sys
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import thzcl
 from thzcl.air.expansion import Expansion
 from thzcl.clock import Clock, Progress
 from thzcl.error.budget import Part, worst
@@ -22,15 +18,14 @@ from thzcl.plan.variant import PlannedVariant
 from thzcl.results.conditions import angles, conditions
 from thzcl.results.contents import Cube, VariantResult
 from thzcl.results.result import Result
+from thzcl.results.versions import versions
 from thzcl.scenario import document as documents
 from thzcl.sensing.image import Recorded
-from thzcl.surfaces.geometry import ROTATIONS
 from thzcl.turbulence.fields import SavedCube
+from thzcl.turbulence.orientation import ROTATIONS
 
 if TYPE_CHECKING:
     from thzcl.device.opencl import Device
-
-PACKAGES = ("numpy", "scipy", "pyopencl", "reikna", "pluggy", "pydantic", "h5netcdf")
 
 
 def prepare(
@@ -163,7 +158,6 @@ def _result(plan: Plan, device: Device, made: list[_Made], clock: Clock, figure:
     notes = dict.fromkeys(note for one in made for note in one.notes)
     left_out = [stage for stage in report.stages(plan, figure) if not stage.needed]
     errors = [one.expansion.error for one in made]
-    flow = first.scene.atmosphere.fluctuations
     return Result(
         scenario=plan.scenario.name,
         scenario_toml=plan.scenario.text,
@@ -180,7 +174,7 @@ def _result(plan: Plan, device: Device, made: list[_Made], clock: Clock, figure:
         ),
         figure_columns=first.scene.output.figure_columns,
         difference=first.scene.output.difference,
-        grid_rotation=ROTATIONS[flow.orientation if flow else "aligned"],
+        grid_rotation=ROTATIONS[first.orientation],
         device=f"{device.info.name} ({device.info.driver})",
         seed=plan.scenario.seed,
         build_options=tuple(device.build_options),
@@ -233,11 +227,3 @@ def _cubes(pairs: list[tuple[PlannedVariant, _Made]]) -> tuple[Cube, ...]:
     cubes = [Cube(*cube) for cube in saved if cube is not None]
     same = len({variant.saved for variant, _ in pairs}) == 1
     return tuple(cubes[:1] if same else cubes)
-
-
-def versions() -> dict[str, str]:
-    """Returns the versions of thzcl, Python and the packages that numbers depend on."""
-    own = {"thzcl": thzcl.__version__, "python": platform.python_version()}
-    # A loaded package tells its version at once; metadata of others take milliseconds to find.
-    loaded = {name: getattr(sys.modules.get(name), "__version__", None) for name in PACKAGES}
-    return own | {name: known or version(name) for name, known in loaded.items()}

@@ -33,12 +33,12 @@ NUMPY, NUMBA_64, NUMBA_32, MITSUBA = (
 
 
 def compare(device: Device, repeat: int) -> list[dict[str, Any]]:
-    """A table for each voxel size."""
+    """Returns a table for each voxel size."""
     return [_table(device, voxel_m, repeat) for voxel_m in VOXELS_M]
 
 
 def claims(tables: list[dict[str, Any]]) -> list[Record]:
-    """What thzcl claims to be faster than Numba: with every ray, and at a bearable error."""
+    """Returns how much faster than Numba thzcl is: with every ray, and at a bearable error."""
     found = []
     for table in tables:
         rows = {row["name"]: row for row in table["methods"]}
@@ -82,8 +82,8 @@ def _table(device: Device, voxel_m: float, repeat: int) -> dict[str, Any]:
         name: exact.error(call() if name == MITSUBA else np.exp(-call()))
         for name, call in theirs.items()
     }
-    segments = exact.trace().segments
-    rows = [_row(name, seconds, errors, segments, thinned.variant.stride) for name in seconds]
+    segments = exact.segments()
+    rows = [_row(name, seconds, errors, segments, thinned.path.stride) for name in seconds]
     missing = [name for name in (NUMBA_64, MITSUBA) if name not in seconds]
     return {
         "voxel_m": voxel_m,
@@ -95,9 +95,9 @@ def _table(device: Device, voxel_m: float, repeat: int) -> dict[str, Any]:
 
 
 def _thinned(device: Device, settings: dict[str, Any]) -> Setting:
-    """The widest stride, and the polynomial that goes with the tolerance.
+    """Returns the setting of the widest stride whose measured error is bearable.
 
-    Whose measured error is bearable.
+    Its polynomial is the one that goes with that tolerance.
     """
     for stride in STRIDES:
         one = make(
@@ -121,7 +121,7 @@ def _rivals(exact: Setting) -> dict[str, Callable[[], np.ndarray]]:
 
 
 def _once(call: Callable[[], object]) -> Callable[[], None]:
-    """What a call returns is no time."""
+    """Returns a call that returns nothing, since what a call returns counts as its time."""
 
     def timed() -> None:
         call()

@@ -36,7 +36,7 @@ def mitsuba_march(setting) -> Callable[[], np.ndarray]:
 
 
 def _scene(mi, setting) -> dict:
-    scene = setting.variant.scene
+    scene = setting.scene
     shining = {"type": "area", "radiance": {"type": "rgb", "value": 1.0}}
     box = scene.targets["box"]
     placed = (
@@ -85,7 +85,7 @@ def _air(mi, setting) -> dict:
     It is repeated over the box of voxels that the rays cross.
     """
     ends = _ends(setting)
-    camera = setting.turn @ np.array(setting.variant.scene.camera.position_m) / setting.cube.voxel_m
+    camera = setting.turn @ np.array(setting.scene.camera.position_m) / setting.cube.voxel_m
     low = np.floor(np.minimum(ends.min(axis=0), camera)).astype(int) - 2
     high = np.ceil(np.maximum(ends.max(axis=0), camera)).astype(int) + 2
     x, y, z = (np.arange(a, b) % setting.cube.grid for a, b in zip(low, high, strict=True))
@@ -108,8 +108,8 @@ def _ends(setting) -> np.ndarray:
 
     Places are not reduced by its period.
     """
-    raster = setting.variant.geometry.raster
+    raster = setting.raster
     numbers = np.arange(setting.rays).reshape(raster.rows, raster.columns)
     edge = np.concatenate([numbers[0], numbers[-1], numbers[:, 0], numbers[:, -1]])
-    start = setting.turn @ np.array(setting.variant.scene.camera.position_m) / setting.cube.voxel_m
+    start = setting.turn @ np.array(setting.scene.camera.position_m) / setting.cube.voxel_m
     return start + setting.directions(edge) * setting.ends.reach.host()[edge][:, None]

@@ -19,7 +19,7 @@ def numpy_march(setting) -> Callable[[], np.ndarray]:
 
     It returns optical depth (ray,), NaN for rays of other rows.
     """
-    raster, grid = setting.variant.geometry.raster, setting.cube.grid
+    raster, grid = setting.raster, setting.cube.grid
     rays = np.arange(setting.rays).reshape(raster.rows, raster.columns)[::PART].ravel()
     direction = setting.directions(rays)
     voxels = np.linalg.norm(direction, axis=1)
@@ -55,7 +55,7 @@ def numba_march(
     It returns optical depth (ray,). Rays are in float32 or float64, the cube in float32 in any
     case, which is quicker and errs by no more.
     """
-    raster = setting.variant.geometry.raster
+    raster = setting.raster
     march = _compiled(real)
     per_m = setting.absorption if absorption is None else absorption
     cube = per_m.astype(np.float32).ravel()

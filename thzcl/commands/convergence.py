@@ -22,22 +22,21 @@ from thzcl.commands.options import (
 if TYPE_CHECKING:
     from thzcl.commands.tables import Table
 
+Knobs = Annotated[
+    str,
+    typer.Option(metavar="A,B,...", help="only these knobs; all that make a difference if absent"),
+]
+Repeat = Annotated[
+    int,
+    typer.Option(min=1, metavar="N", help="timed runs of each setting, of which the median counts"),
+]
+
 
 def convergence(
     scenario: Source,
     output: Folder = Path(),
-    knobs: Annotated[
-        str,
-        typer.Option(
-            metavar="A,B,...", help="only these knobs; all that make a difference if absent"
-        ),
-    ] = "",
-    repeat: Annotated[
-        int,
-        typer.Option(
-            min=1, metavar="N", help="timed runs of each setting, of which the median counts"
-        ),
-    ] = 5,
+    knobs: Knobs = "",
+    repeat: Repeat = 5,
     settings: Settings = None,
     variant: Variants = None,
     device: DeviceChoice = None,

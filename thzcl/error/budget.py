@@ -211,7 +211,11 @@ class SamplingSpec(Spec):
 
 @frozen
 class LatticeErrorSpec(Spec):
-    """What another lattice of rays, as fine, changes where optics blur what surfaces show."""
+    """What another lattice of rays, as fine, changes where optics blur what surfaces show.
+
+    Pixels are weighed by the contrast that they show: thin things are seen by a few pixels, and
+    what is dark shows no error.
+    """
 
     lattice: SumSpec
     other: SumSpec
@@ -224,7 +228,7 @@ class LatticeErrorSpec(Spec):
         del device
         planes = len(lattice.contrast)
         error = ((lattice.contrast - other.contrast) / np.sqrt(2)).reshape(planes, -1)
-        weight = np.ones(error.shape[1])
+        weight = np.abs(lattice.contrast).reshape(planes, -1).mean(axis=0)
         return {"pixel-sampling": self.light.part(error, weight, lattice.contrast)}
 
 

@@ -19,9 +19,10 @@ from thzcl.surfaces import camera
 from thzcl.surfaces import ends as ray_ends
 from thzcl.surfaces.camera import Raster
 from thzcl.surfaces.ends import EndsSpec, OutgoingSpec, RayEnds
-from thzcl.surfaces.geometry import ROTATIONS, Geometry
+from thzcl.surfaces.geometry import Geometry
 from thzcl.turbulence.cube import Field
 from thzcl.turbulence.fields import AnyField
+from thzcl.turbulence.orientation import ROTATIONS
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]

@@ -30,9 +30,10 @@ from thzcl.sensing.spectrum import Spectrum
 from thzcl.sensing.transfer import AnyRays, CarriedSpec, LambertSpec, ShadeSpec
 from thzcl.surfaces.ends import EndsSpec, OutgoingSpec
 from thzcl.surfaces.estimate import SampledRays
-from thzcl.surfaces.geometry import ROTATIONS, Geometry
+from thzcl.surfaces.geometry import Geometry
 from thzcl.surfaces.radiance import Sources
 from thzcl.turbulence.fields import AnyField
+from thzcl.turbulence.orientation import ROTATIONS
 
 Array = NDArray[np.float64]
 Point = tuple[float, float, float]

@@ -31,9 +31,10 @@ from thzcl.sensing.spectrum import Spectrum, finer, spectrum
 from thzcl.sensor import Needs, View
 from thzcl.surfaces import camera, geometry, radiance
 from thzcl.surfaces.estimate import SampledRays, sampled_rays
-from thzcl.surfaces.geometry import ROTATIONS, Geometry
+from thzcl.surfaces.geometry import Geometry
 from thzcl.turbulence import cube_file, spectrum_table
 from thzcl.turbulence.fields import AnyField, CubeSpec, FieldSpec, NotesSpec, SavedCubeSpec
+from thzcl.turbulence.orientation import ROTATIONS
 from thzcl.turbulence.spectra import turbulence
 
 Array = NDArray[np.float64]
@@ -63,6 +64,7 @@ class PlannedVariant:
     needs: Needs = field(compare=False)
     shape: Geometry = field(compare=False)
     cube: AnyField | None = field(compare=False)
+    orientation: str = field(compare=False)
     longest_m: float = field(compare=False)
     visible_m: float = field(compare=False)
 
@@ -73,15 +75,8 @@ class PlannedVariant:
     def with_specs(self, specs: tuple[Any, ...]) -> PlannedVariant:
         """Returns the variant with other specs, in the same order."""
         notes, saved, expansion, image, *errors = specs
-        return replace(
-            self,
-            notes=notes,
-            saved=saved,
-            expansion=expansion,
-            image=image,
-            errors=tuple(errors),
-            settled=self.settled,
-        )
+        made = {"notes": notes, "saved": saved, "expansion": expansion, "image": image}
+        return replace(self, **made, errors=tuple(errors))
 
 
 def plan_variant(scenario: Scenario, variant: Variant) -> PlannedVariant:
@@ -171,8 +166,7 @@ class _Planner:
         return drawn, ""
 
     def _foreseen(self) -> Foreseen:
-        flow = self.scene.atmosphere.fluctuations
-        turn = ROTATIONS[flow.orientation if flow else "aligned"]
+        turn = ROTATIONS[self._orientation()]
         drawn = self.cube_source[0]
         random = None if isinstance(drawn, cube_file.CubeFile) else drawn
         block = reversed(self.shape.raster.block)
@@ -186,6 +180,15 @@ class _Planner:
             apart,
             self.targets.array,
         )
+
+    def _orientation(self) -> str:
+        """Returns how the cube lies: as the scene says, or else as a file of its own does."""
+        flow, source = self.scene.atmosphere.fluctuations, self.cube_source[0]
+        if flow is None:
+            return "aligned"
+        if flow.grid_orientation is None and isinstance(source, cube_file.CubeFile):
+            return source.orientation
+        return flow.orientation
 
     def _field(self) -> AnyField | None:
         """Returns the cube that rays cross."""
@@ -226,11 +229,12 @@ class _Planner:
             return EvenAir(setup, self.cube_source[1])
         share = self.foreseen.share_traced(self.settled.stride)
         wind = flow.wind_m_s
-        moving = Moving(cube, flow.orientation, wind, self.sample, self._visible_m(), share)
+        where = self._orientation(), wind, self.sample, self._visible_m()
+        moving = Moving(cube, *where, share)
         return TurbulentAir(setup, moving) if cube.isothermal else WarmAir(setup, moving)
 
     def _blur(self) -> Blur:
-        plane_hz = np.asarray(self.spectrum.planes(self.spectrum.nodes_hz.array))
+        plane_hz = Values.of(self.spectrum.planes(self.spectrum.nodes_hz.array))
         return Blur(self.needs.optics, self.pixel_rad, plane_hz)
 
     def _exposures(self, blur: Blur, cube: AnyField | None) -> list[Exposure]:
@@ -253,7 +257,7 @@ class _Planner:
         if rays.margin == 0 or np.ptp(sample) == 0:
             return 1
         slow = exposures.slow_axis(sample)
-        weights = exposures.profile(blur.kernels(rays), slow)
+        weights = exposures.profile(blur.beam(rays), slow)
         apart = np.abs(np.diff(sample, axis=1 - slow))
         dwell = float(np.median(apart)) if apart.size else 0.0
         drift_m = wind_m_s * dwell / rays.block[1 - slow]  # while the scan crosses one ray
@@ -337,6 +341,7 @@ class _Planner:
             self.needs,
             self.shape,
             cube,
+            self._orientation(),
             float(self.sample.length.max()),
             self._visible_m(),
         )
@@ -350,7 +355,7 @@ class _Planner:
         if not self.scene.numerics.error_budget:
             return ()
         setup, light = air.setup, air.twin(self.spectrum)
-        number = int(np.argmax([one.own.array.sum() for one in taken]))
+        number = _main(taken)
         shape, walked = taken[number].geometry, air.walked(taken[number])
         ends, out = setup.ends(shape), setup.out(shape)
         ways = 1 if out is None else 2
@@ -386,5 +391,13 @@ def _sum(setup: Setup, air: AnyAir, taken: list[Exposure], steps: Steps) -> SumS
 
 def _less(one: SumSpec) -> SumSpec:
     """Returns the contrast that is to be taken off."""
-    beams = tuple(Values.of(-beam.array) for beam in one.beams)
-    return replace(one, beams=beams, owns=tuple(Values.of(0 * own.array) for own in one.owns))
+    beams = tuple(replace(beam, scale=-beam.scale) for beam in one.beams)
+    return replace(one, beams=beams, owns=tuple(replace(own, scale=0.0) for own in one.owns))
+
+
+def _main(taken: list[Exposure]) -> int:
+    """Returns the number of the exposure whose own rays weigh most, of lines the middle one."""
+    middle = len(taken) // 2
+    if taken[middle].own.line is None:
+        return 0
+    return max(range(len(taken)), key=lambda number: float(taken[number].own.weights().sum()))

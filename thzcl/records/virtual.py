@@ -11,11 +11,10 @@ from numpy.typing import NDArray
 
 from thzcl import pipeline
 from thzcl.air import humidity
-from thzcl.clock import Clock
 from thzcl.device.choose import open_device
 from thzcl.errors import RecordError
 from thzcl.files import write_whole
-from thzcl.plan import compute
+from thzcl.graph import evaluate
 from thzcl.records.columns import KELVIN
 from thzcl.records.record import SONIC_HUMIDITY
 
@@ -37,14 +36,15 @@ def write(source: str | Path, folder: Path) -> Path:
     ScenarioError, DeviceError and OSError.
     """
     variant = pipeline.prepare(source).variants[0]
-    cube = compute.make_field(open_device(), variant, Clock(None))
-    if cube is None:
+    flow = variant.scene.atmosphere.fluctuations
+    if variant.cube is None or flow is None:
         raise RecordError(
             f"{source}: its air does not fluctuate; expected [atmosphere.fluctuations] and "
             "an absorbing model"
         )
+    ((cube,),) = evaluate([(variant.cube,)], open_device())
     air = variant.scene.atmosphere.air
-    speed = float(np.linalg.norm(variant.wind_m_s)) or CALM_M_S
+    speed = math.hypot(*flow.wind_m_s) or CALM_M_S
     grams = air.absolute_humidity_g_m3 * (1 + transect(cube.delta.host()))
     grams = np.maximum(grams, 0.0)  # between voxels, waves overshoot
     kelvin = np.full(len(grams), air.temperature_k)

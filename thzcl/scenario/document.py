@@ -125,7 +125,8 @@ def read(source: str | Path, settings: Mapping[str, Any] | None = None) -> Docum
         raise ScenarioError([f"--set {name}: {why}" for name, why in reasons.items() if why])
     _draw_seed(data)
     changed = frozenset(map(_split, reasons))
-    return Document(path.stem, str(path), folder, data, line_numbers(text), changed)
+    name = path.stem.encode("utf-8", "surrogateescape").decode("utf-8", "replace")
+    return Document(name, str(path), folder, data, line_numbers(text), changed)
 
 
 def _draw_seed(data: dict[str, Any]) -> None:

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from thzcl.graph import Values
+from thzcl.graph import Values, frozen
 from thzcl.sensing import optics
 from thzcl.sensing.optics import Pair
 from thzcl.sensor import Optics
@@ -26,13 +26,50 @@ Array = NDArray[np.float64]
 PRIMES = (2, 3, 5, 7, 11, 17, 23, 31, 41, 53, 71, 89)
 
 
+@frozen
+class Beam:
+    """What the rays of a raster weigh in a pixel, as optics and pixel spread it, times `scale`.
+
+    Of a beam that moves on while a pixel is taken, one `line` (axis and number) can stand alone, or
+    `part` (width,) of its width on the other axis: 1 where rays belong to it, 0 elsewhere.
+    """
+
+    optics: Optics | None
+    pixel_rad: Pair
+    plane_hz: Values  # (plane,)
+    raster: Raster
+    scale: float = 1.0
+    shift: Pair = (0.0, 0.0)  # how far down and right of their places the rays lie, in rays
+    line: tuple[int, int] | None = None
+    part: Values | None = None
+
+    def weights(self) -> Array:
+        """Returns the weights, (plane or 1, row, column)."""
+        hz = self.plane_hz.array
+        whole = optics.kernels(self.optics, self.raster, self.pixel_rad, hz, self.shift)
+        weights = self.scale * whole
+        if self.line is None or self.part is None:
+            return weights
+        axis, number = self.line
+        part = self.part.array[None, None, :] if axis == 0 else self.part.array[None, :, None]
+        return np.asarray((weights * part).take([number], axis + 1))
+
+    def own(self) -> Beam:
+        """Returns what the rays weigh that lie in the pixel, where nothing is blurred."""
+        return replace(self, optics=None)
+
+
 class Exposure(NamedTuple):
-    """Rays that are taken together."""
+    """Rays that are taken together.
+
+    `times_s` (row, column) is when each is taken, or None where that makes no difference; `beam`
+    weighs radiance, `own` what no optics blur.
+    """
 
     geometry: Geometry
-    times_s: Values | None  # (row, column): when each ray is taken; None where it matters not
-    beam: Values  # (plane or 1, row, column): weights of radiance
-    own: Values  # (1, row, column): weights of what no optics blur
+    times_s: Values | None
+    beam: Beam
+    own: Beam
 
 
 class Blur(NamedTuple):
@@ -40,18 +77,17 @@ class Blur(NamedTuple):
 
     optics: Optics | None
     pixel_rad: Pair
-    plane_hz: Array
+    plane_hz: Values
 
-    def kernels(self, rays: Raster, shift: Pair = (0.0, 0.0)) -> Array:
-        """Returns weights of the rays about a pixel, (plane or 1, row, column)."""
-        return optics.kernels(self.optics, rays, self.pixel_rad, self.plane_hz, shift)
+    def beam(self, rays: Raster) -> Beam:
+        """Returns what the rays of a raster weigh in a pixel."""
+        return Beam(self.optics, self.pixel_rad, self.plane_hz, rays)
 
 
 def still(blur: Blur, shape: Geometry) -> list[Exposure]:
     """Returns the one exposure of a camera that takes all pixels at once."""
-    rays = shape.raster
-    beam, own = blur.kernels(rays), optics.pixel_mean(rays)
-    return [Exposure(shape, None, Values.of(beam), Values.of(own))]
+    beam = blur.beam(shape.raster)
+    return [Exposure(shape, None, beam, beam.own())]
 
 
 def timed(blur: Blur, shape: Geometry, times_s: Array, groups: int) -> list[Exposure]:
@@ -59,20 +95,17 @@ def timed(blur: Blur, shape: Geometry, times_s: Array, groups: int) -> list[Expo
 
     Samples are averaged. Where a beam is wider than its pixel, each line of it along the scan's
     slow axis is an exposure of its own, in which each ray is taken in the line of the pixel that
-    receives it. Along the fast axis a ray is taken when the pixel is that it lies in the middle of
-    its group: the beam's width is cut into `groups`, and what is left is the air's drift while the
-    scan crosses half a group.
+    receives it. Along the fast axis the beam's width is cut into `groups`, in which a ray is taken
+    when the pixels are that it serves; what is left is the air's drift within a group.
     """
-    beam, own = blur.kernels(shape.raster), optics.pixel_mean(shape.raster)
-    found = []
+    beam, found = replace(blur.beam(shape.raster), scale=1 / len(times_s)), []
     for sample in np.broadcast_to(times_s, (len(times_s), *shape.raster.pixels)):
-        parts = beam / len(times_s), own / len(times_s)
         if shape.raster.margin == 0 or np.ptp(sample) == 0:
             times = sample.repeat(shape.raster.block[0], 0).repeat(shape.raster.block[1], 1)
             times = np.pad(times, shape.raster.margin, mode="edge")
-            found.append(Exposure(shape, Values.of(times), *map(Values.of, parts)))
+            found.append(Exposure(shape, Values.of(times), beam, beam.own()))
         else:
-            found += _scanned(shape, sample, *parts, groups)
+            found += _scanned(shape, sample, beam, groups)
     return found
 
 
@@ -81,18 +114,17 @@ def slow_axis(sample: Array) -> int:
     return int(np.ptp(sample, axis=0).max() < np.ptp(sample, axis=1).max())
 
 
-def _scanned(
-    shape: Geometry, sample: Array, beam: Array, own: Array, groups: int
-) -> Iterator[Exposure]:
+def _scanned(shape: Geometry, sample: Array, beam: Beam, groups: int) -> Iterator[Exposure]:
     """Yields an exposure for each line of the beam along the slow axis, and each group across."""
     slow, rays = slow_axis(sample), shape.raster
     weights = profile(beam, slow)
+    lines = 2 * rays.margin + rays.block[slow]
     for inside in _groups(weights, groups):
-        times = _fast_times(sample, weights * inside, rays, 1 - slow)
-        part = inside[None, None, :] if slow == 0 else inside[None, :, None]
-        for line in range(beam.shape[1 + slow]):
-            parts = ((w * part).take([line], slow + 1) for w in (beam, own))
-            yield Exposure(_lines(shape, slow, line), Values.of(times), *map(Values.of, parts))
+        times = Values.of(_fast_times(sample, weights * inside, rays, 1 - slow))
+        part = Values.of(inside)
+        for line in range(lines):
+            one = replace(beam, line=(slow, line), part=part)
+            yield Exposure(_lines(shape, slow, line), times, one, one.own())
 
 
 def _fast_times(sample: Array, weights: Array, rays: Raster, fast: int) -> Array:
@@ -115,9 +147,9 @@ def _fast_times(sample: Array, weights: Array, rays: Raster, fast: int) -> Array
     return np.asarray((1 - share) * sample.take(before, fast) + share * sample.take(after, fast))
 
 
-def profile(beam: Array, slow: int) -> Array:
-    """Returns a beam's weights (plane, row, column) summed along the slow axis, (width,)."""
-    weights = np.abs(beam).mean(axis=0).sum(axis=slow)
+def profile(beam: Beam, slow: int) -> Array:
+    """Returns a beam's weights summed along the slow axis, (width,), of sum 1."""
+    weights = np.abs(beam.weights()).mean(axis=0).sum(axis=slow)
     return np.asarray(weights / weights.sum())
 
 
@@ -170,17 +202,18 @@ def lattice(blur: Blur, shape: Geometry, cell: int, number: int, turn: int = 0) 
     gives another lattice, as fine. Each point is an exposure of a raster with one ray to a cell.
     """
     coarse = _cells(shape, cell)
-    none = Values.of(np.zeros_like(optics.pixel_mean(coarse.raster)))
+    beam = replace(blur.beam(coarse.raster), scale=1 / number)
     across = generator(number) if turn == 0 else number - generator(number)
     found = []
     for point in range(number):
-        down = (point + 0.5) / number - 0.5
-        right = (point * across / number + 0.5 / number + turn / np.pi) % 1 - 0.5
+        # The other lattice's lines lie between those of the first, whatever their direction.
+        down = ((point + 0.5 + 0.25 * turn) / number) % 1 - 0.5
+        right = ((point * across + 0.5 + 0.5 * turn) / number) % 1 - 0.5
         frame = coarse.frame.array.copy()
         frame[1] += right * frame[2] - down * frame[3]
-        beam = blur.kernels(coarse.raster, (down, right)) / number
         moved = replace(coarse, frame=Values.of(frame))
-        found.append(Exposure(moved, None, Values.of(beam), none))
+        there = replace(beam, shift=(down, right))
+        found.append(Exposure(moved, None, there, replace(beam.own(), scale=0.0)))
     return found
 
 

@@ -10,6 +10,7 @@ around. For a coherent transmitter this holds once speckle is averaged.
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -95,16 +96,36 @@ def kernels(
     return center
 
 
+@lru_cache(maxsize=4)  # the lines of a scan have it in common
 def _kernel(
     optics: Optics, rays: Raster, pixel_rad: Pair, frequency_hz: float, shift: Pair
 ) -> Array:
     """Returns the weights at one frequency, (row, column)."""
+    from scipy import fft  # its import takes a tenth of a second, which few scenes need to spend
+
     size = [2 * rays.margin + n for n in rays.block]
     steps = (pixel_rad[1] / rays.block[0], pixel_rad[0] / rays.block[1])
-    grid = [1 << (2 * n - 1).bit_length() for n in size]
+    passed, (fy, fx) = _transfer(optics, rays, pixel_rad, frequency_hz)
     # The pixel's centre is the middle of the block: between two rays where their number is even.
-    center = [(n - 1) / 2 - s for n, s in zip(size, shift, strict=True)]
-    fy, fx = (np.fft.fftfreq(n, step) for n, step in zip(grid, steps, strict=True))
+    down, right = ((n - 1) / 2 - s for n, s in zip(size, shift, strict=True))
+    turned = np.exp(-2j * np.pi * fy * steps[0] * down)[:, None] * passed
+    turned *= np.exp(-2j * np.pi * fx * steps[1] * right)
+    kernel = fft.irfft2(turned, workers=-1)[: size[0], : size[1]]
+    return np.asarray(kernel / kernel.sum())
+
+
+@lru_cache(maxsize=4)  # the points of a lattice have it in common
+def _transfer(
+    optics: Optics, rays: Raster, pixel_rad: Pair, frequency_hz: float
+) -> tuple[Array, tuple[Array, Array]]:
+    """Returns what passes, and its frequencies down and across in cycles/rad; half a spectrum."""
+    from scipy import fft
+
+    size = [2 * rays.margin + n for n in rays.block]
+    steps = (pixel_rad[1] / rays.block[0], pixel_rad[0] / rays.block[1])
+    grid = [fft.next_fast_len(2 * n - 1, real=True) for n in size]
+    grid = [n + n % 2 for n in grid]  # even, so that half a spectrum tells the length
+    fy, fx = np.fft.fftfreq(grid[0], steps[0]), np.fft.rfftfreq(grid[1], steps[1])
     passed = np.ones((len(fy), len(fx)))
     if optics.pixel:
         passed = np.sinc(fy * pixel_rad[1])[:, None] * np.sinc(fx * pixel_rad[0])
@@ -114,9 +135,7 @@ def _kernel(
     if optics.blur_mrad is not None:
         sigma = optics.blur_mrad * 1e-3 * _SIGMA_OF_WIDTH
         passed = passed * np.exp(-2 * (np.pi * radius * sigma) ** 2)
-    turns = fy[:, None] * steps[0] * center[0] + fx * steps[1] * center[1]
-    kernel = np.fft.ifft2(passed * np.exp(-2j * np.pi * turns)).real[: size[0], : size[1]]
-    return np.asarray(kernel / kernel.sum())
+    return passed, (fy, fx)
 
 
 def mtf(u: Array) -> Array:

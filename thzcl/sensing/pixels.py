@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from thzcl.device.opencl import Device
 from thzcl.graph import LeftOut, Memory, Spec, Values, Work, frozen
 from thzcl.sensing import optics
+from thzcl.sensing.exposures import Beam
 from thzcl.sensing.transfer import AnyRays, Rays, on_raster
 from thzcl.surfaces.camera import Raster
 from thzcl.surfaces.ends import EndsSpec, OutgoingSpec, RayEnds
@@ -99,9 +100,13 @@ def _picked(rays: Array, place: Any, steps: Steps) -> Array:
 
 def _correlate(plane: Array, kernel: Array, steps: Steps) -> Array:
     """Returns the sum of one plane (row, column) by a kernel about each pixel, (y, x)."""
-    shape = [n + k - 1 for n, k in zip(plane.shape, kernel.shape, strict=True)]
-    spectrum = np.fft.rfft2(plane, shape) * np.fft.rfft2(kernel[::-1, ::-1], shape)
-    full = np.fft.irfft2(spectrum, shape)
+    from scipy import fft  # its import takes a tenth of a second, which few scenes need to spend
+
+    whole = [n + k - 1 for n, k in zip(plane.shape, kernel.shape, strict=True)]
+    shape = [fft.next_fast_len(n, real=True) for n in whole]
+    spectrum = fft.rfft2(plane.astype(np.float64, copy=False), shape, workers=-1)
+    spectrum *= fft.rfft2(kernel[::-1, ::-1], shape, workers=-1)
+    full = fft.irfft2(spectrum, shape, workers=-1)
     first, (height, width) = [k - 1 for k in kernel.shape], steps.pixels
     return np.asarray(full[first[0] :: steps.block[0], first[1] :: steps.block[1]][:height, :width])
 
@@ -119,8 +124,8 @@ class SumSpec(Spec):
     """A weighted sum over the rays of some exposures."""
 
     rays: tuple[AnyRays, ...]
-    beams: tuple[Values, ...]  # (plane or 1, row, column) each: weights of radiance
-    owns: tuple[Values, ...]  # (1, row, column) each: weights of depth
+    beams: tuple[Beam, ...]  # weights of radiance
+    owns: tuple[Beam, ...]  # weights of depth
     steps: Steps
     reads = ("rays",)
 
@@ -140,8 +145,8 @@ class SumSpec(Spec):
         depth: Any = np.zeros(())
         contrast: Any = np.zeros(())
         for one, beam, own in zip(rays, self.beams, self.owns, strict=True):
-            contrast = _added(contrast, one.contrast, beam.array, self.steps)
-            depth = _added(depth, one.depth, own.array, self.steps)
+            contrast = _added(contrast, one.contrast, beam, self.steps)
+            depth = _added(depth, one.depth, own, self.steps)
         return Pixels(depth, contrast)
 
     def describe(self) -> dict[str, Work | LeftOut]:
@@ -160,11 +165,12 @@ class SumSpec(Spec):
         return Memory((pixels, pixels), (48 * rays,) if self.blurred else ())
 
 
-def _added(total: Any, values: Array, weights: Array, steps: Steps) -> Any:
+def _added(total: Any, values: Array, beam: Beam, steps: Steps) -> Any:
     """Returns a sum with what some rays add to it, where they weigh anything.
 
     A kernel of one line belongs to rays of which the pixels are one apart that way.
     """
+    weights = beam.weights() if beam.scale else np.zeros((1, 1, 1))
     if not weights.any():
         return total
     down, across = (1 if n == 1 else b for n, b in zip(weights.shape[1:], steps.block, strict=True))

@@ -1,7 +1,4 @@
-"""Throughput of every stage on this device.
-
-And how much of what the device can do at most each reaches.
-"""
+"""Throughput of every stage on this device, and how close each comes to what the device can do."""
 
 from __future__ import annotations
 
@@ -20,8 +17,13 @@ import numpy as np
 import thzcl
 from thzcl import pipeline
 from thzcl.clock import Clock, Progress
-from thzcl.plan.plan import Plan, VariantPlan, by_key
+from thzcl.graph import Spec, everything
+from thzcl.paths.specs import EmissionSpec
+from thzcl.plan.plan import Plan
 from thzcl.results.result import Result
+from thzcl.sensing.transfer import ShadeSpec
+from thzcl.surfaces.ends import EndsSpec
+from thzcl.turbulence.fields import AnyField
 
 if TYPE_CHECKING:
     from thzcl.device.opencl import Device
@@ -34,9 +36,9 @@ FIELD_BYTES = 12  # a voxel: a half spectrum written and read, and the cube writ
 
 
 class Work(NamedTuple):
-    """What one of our stages does: those of a run's clock that it is made of, and how much it does, in what unit.
+    """What one of our stages does: the parts of a run's clock that it is made of, and an amount.
 
-    `bound` names the roofline, and `needed` is what the stage cannot do without, in that roofline's unit.
+    `bound` names the roofline; `needed` is the least that the stage must move, in its unit.
     """
 
     name: str
@@ -48,10 +50,7 @@ class Work(NamedTuple):
 
 
 class Runs(NamedTuple):
-    """Medians over runs of the same plan: seconds by stage and of the whole.
-
-    And the last of the results.
-    """
+    """Medians over runs of one plan, in seconds: by stage and of the whole; and the last result."""
 
     seconds: dict[str, float]
     whole: float
@@ -68,11 +67,12 @@ def bench(
     repeat: int = 7,
     progress: Progress | None = None,
 ) -> dict[str, Any]:
-    """Runs a scenario `repeat` times, after once to warm up, and tells what each stage takes, as medians; arguments as run's.
+    """Runs a scenario once to warm up and then `repeat` times; returns what each stage takes.
 
-    Times are wall times, in seconds, from a stage's start to the end of its last kernel. `stages` holds amounts, rates by
-    the second and, where it is known what limits a stage, the `share` of the device's measured `roofline` that it reaches.
-    Raises what run does.
+    Times are medians of wall times, in seconds, from a stage's start to the end of its last kernel.
+    `stages` holds amounts, amounts a second and, where it is known what limits a stage, the `share`
+    of the device's measured `roofline` that it reaches. The other arguments are those of
+    pipeline.run, and so are the errors that are raised.
     """
     tell = progress or (lambda _: None)
     plan = pipeline.prepare(source, settings, variants, allow_outside=allow_outside)
@@ -92,7 +92,7 @@ def bench(
 
 
 def surroundings() -> dict[str, Any]:
-    """What a measured time belongs to: machine, commit (None outside a checkout) and versions."""
+    """Returns what times belong to: machine, versions, commit (None outside a checkout)."""
     return {
         "machine": {
             "processor": _processor(),
@@ -114,17 +114,18 @@ def _processor() -> str:
 
 
 def _commit() -> str | None:
-    """The checkout's commit, with a plus where files differ from it."""
+    """Returns the checkout's commit, with a plus where files differ from it."""
     root, git = Path(thzcl.__file__).parents[1], shutil.which("git")
     if git is None or not (root / ".git").exists():
         return None
     ask = [git, "-C", str(root), "describe", "--always", "--abbrev=40", "--exclude=*", "--dirty=+"]
-    answer = subprocess.run(ask, capture_output=True, text=True, check=False)  # noqa: S603 (no word of it is a user's)
+    # No word of the command is a user's.
+    answer = subprocess.run(ask, capture_output=True, text=True, check=False)  # noqa: S603
     return answer.stdout.strip() or None
 
 
 def repeated(plan: Plan, device: Device, repeat: int, tell: Progress = lambda _: None) -> Runs:
-    """Runs a plan once to build its kernels, and then `repeat` times."""
+    """Runs a plan once to build its kernels, and then `repeat` times; returns the medians."""
     tell("warming up")
     result = pipeline.compute_images(plan, device, Clock())
     clocks, whole = [], []
@@ -134,116 +135,74 @@ def repeated(plan: Plan, device: Device, repeat: int, tell: Progress = lambda _:
         result = pipeline.compute_images(plan, device, clock)
         whole.append(time.perf_counter() - start)
         clocks.append(clock.seconds)
-    return Runs(
-        {name: statistics.median(c[name] for c in clocks) for name in clocks[0]},
-        statistics.median(whole),
-        result,
-    )
+    seconds = {name: statistics.median(clock[name] for clock in clocks) for name in clocks[0]}
+    return Runs(seconds, statistics.median(whole), result)
 
 
-def _works(plan: Plan, segments: int) -> list[Work]:
-    """What the stages do whose throughput means something."""
-    with_field = [v for v in plan.variants if v.field is not None]
-    cubes = [
-        same[0].field for same in by_key(with_field, lambda v: (v.field, v.precision)).values()
-    ]
-    voxels = [cube.source.grid**3 for cube in cubes if cube is not None]
-    fields = [
-        cube.source.grid**3 * (1 + cube.temperature_fluctuates)
-        for cube in cubes
-        if cube is not None
-    ]
-    raster = plan.variants[0].geometry.raster
-    rays = raster.rays * len(by_key(plan.variants, lambda v: v.rays_key))
-    shaded = [
-        v for v in plan.variants if v.isothermal
-    ]  # the others carry their radiance along the path
-    pixels = sum(v.geometry.raster.rays * len(v.frequency_hz) for v in shaded)
-    gathers = segments if len(shaded) == len(plan.variants) else 2 * segments
+def _specs(plan: Plan) -> list[Spec]:
+    """Returns the distinct specs that a run computes, those of all realisations."""
+    return list(everything(spec for n in range(plan.realizations) for spec in plan.batch(n)))
+
+
+def _works(specs: Sequence[Spec], segments: int) -> list[Work]:
+    """Returns what the stages do whose throughput means something."""
+    fields = [spec for spec in specs if isinstance(spec, AnyField)]
+    voxels = [spec.grid**3 for spec in fields]
+    moved = sum(FIELD_BYTES * spec.grid**3 * (1 if spec.isothermal else 2) for spec in fields)
+    rays = sum(spec.geometry.raster.rays for spec in specs if isinstance(spec, EndsSpec))
+    warm = any(isinstance(spec, EmissionSpec) for spec in specs)  # which reads two cubes
+    shades = [spec for spec in specs if isinstance(spec, ShadeSpec)]
+    shaded = sum(s.ends.geometry.raster.rays * s.spectrum.nodes_hz.shape[0] for s in shades)
+    through = sum(map(_shading_bytes, shades))
+    traces, copies = ("trace", "outgoing-path", "path-emission"), "memory-bandwidth"
+    gathers = segments * (2 if warm else 1)
     return [
-        Work(
-            "field",
-            ("humidity-field",),
-            "voxels",
-            sum(voxels),
-            "memory-bandwidth",
-            FIELD_BYTES * sum(fields),
-        ),
+        Work("field", ("humidity-field",), "voxels", sum(voxels), copies, moved),
         Work("surfaces", ("ground", "boxes", "billboards"), "rays", rays),
-        Work(
-            "trace",
-            ("trace", "outgoing-path", "path-emission"),
-            "segments",
-            segments,
-            "gather-coherent",
-            gathers,
-        ),
-        Work(
-            "shading",
-            ("shading",),
-            "pixel_frequencies",
-            pixels,
-            "memory-bandwidth",
-            _shading_bytes(shaded),
-        ),
+        Work("trace", traces, "segments", segments, "gather-coherent", gathers),
+        Work("shading", ("shading",), "pixel_frequencies", shaded, copies, through),
     ]
 
 
-def _shading_bytes(variants: Sequence[VariantPlan]) -> int:
-    """Length, surface and moments of every ray read, depth and contrast written."""
-    total = 0
-    for v in variants:
-        real, bands = (
-            np.dtype(v.precision).itemsize,
-            len(v.frequency_hz) if v.weights is None else len(v.weights),
-        )
-        moments = v.surrogate.moments if v.field is not None else 0
-        total += v.geometry.raster.rays * (4 + real * (1 + moments + 2 * bands))
-    return total
+def _shading_bytes(spec: ShadeSpec) -> int:
+    """Returns the bytes that a shading reads and writes.
+
+    It reads length, surface and moments of every ray, and writes depth and contrast.
+    """
+    real, rays = np.dtype(spec.ends.precision).itemsize, spec.ends.geometry.raster.rays
+    return (4 + real) * rays + sum(spec.path.memory().held) + sum(spec.memory().held)
 
 
 def _stages(
     plan: Plan, runs: Runs, roofline: Mapping[str, Mapping[str, Any]]
 ) -> list[dict[str, Any]]:
-    """Every stage that the runs went through, and at last whole images."""
+    """Returns every stage that the runs went through, and at last whole images."""
     found, left = [], dict(runs.seconds)
-    for work in _works(plan, runs.result.voxel_segments):
+    for work in _works(_specs(plan), runs.result.voxel_segments):
         taken = [left.pop(stage) for stage in work.stages if work.amount and stage in left]
         if taken:
-            seconds = sum(taken)
-            bound = roofline.get(work.bound)
-            share = (
-                {}
-                if bound is None
-                else {"bound": work.bound, "share": work.needed / seconds / _rate(bound)}
-            )
+            seconds, share = sum(taken), {}
+            if work.bound in roofline:
+                reached = work.needed / seconds / _rate(roofline[work.bound])
+                share = {"bound": work.bound, "share": reached}
             found.append(_row(work.name, seconds, work.unit, work.amount) | share)
     found += [{"name": name, "seconds": seconds} for name, seconds in left.items()]
     return [*found, _row("image", runs.whole, "images", len(plan.variants))]
 
 
 def flat(found: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """Stages and roofline as rows of the same columns, with the units of their rates.
+    """Returns stages and roofline as rows of the same columns; what does not apply is empty."""
+    return [_flat(row) for row in (*found["stages"], *found["roofline"])]
 
-    What does not apply is empty.
-    """
-    rows = []
-    for row in [*found["stages"], *found["roofline"]]:
-        rates = [key for key in row if key.endswith("_per_second")]
-        rate = (
-            {"rate": row[rates[0]], "unit": rates[0].removesuffix("_per_second") + "/s"}
-            if rates
-            else {"rate": "", "unit": ""}
-        )
-        rows.append(
-            {
-                "name": row["name"],
-                "seconds": row["seconds"],
-                **rate,
-                **{k: row.get(k, "") for k in ("share", "bound")},
-            }
-        )
-    return rows
+
+def _flat(row: Mapping[str, Any]) -> dict[str, Any]:
+    """Returns a row with its rate and that rate's unit in columns of their own."""
+    rates = [key for key in row if key.endswith("_per_second")]
+    rate, unit = "", ""
+    if rates:
+        rate, unit = row[rates[0]], rates[0].removesuffix("_per_second") + "/s"
+    known = {"name": row["name"], "seconds": row["seconds"], "rate": rate, "unit": unit}
+    return known | {key: row.get(key, "") for key in ("share", "bound")}
 
 
 def _row(name: str, seconds: float, unit: str, amount: int) -> dict[str, Any]:
@@ -255,63 +214,51 @@ def _rate(row: Mapping[str, Any]) -> float:
 
 
 def _roofline(device: Device, plan: Plan, repeat: int, tell: Progress) -> dict[str, dict[str, Any]]:
-    """What the device can do at most: copy memory, and where the scene has a cube.
-
-    Read its voxels in two orders.
-    """
+    """Returns how fast the device copies memory and, for a cube, reads its voxels in two orders."""
     tell("memory bandwidth")
     rows = [_bandwidth(device, repeat)]
-    traced = [v for v in plan.variants if v.field is not None]
-    if traced and traced[0].field is not None:
-        grid, precision = traced[0].field.source.grid, traced[0].precision
-        diagonal = (1, (grid * grid + grid + 1) << (32 - 3 * (grid.bit_length() - 1)))
+    cube = next((spec for spec in plan.specs() if isinstance(spec, AnyField)), None)
+    if cube is not None:
+        diagonal = 1, (cube.grid**2 + cube.grid + 1) << (32 - _log2_voxels(cube))
         for name, way, abreast in (("coherent", diagonal, ABREAST), ("random", RANDOM, 1)):
             tell(f"{name} gather")
-            rows.append(_gather(device, f"gather-{name}", grid, precision, way, abreast, repeat))
+            rows.append(_gather(device, f"gather-{name}", cube, way, abreast, repeat))
     return {row["name"]: row for row in rows}
 
 
+def _log2_voxels(cube: AnyField) -> int:
+    return 3 * (cube.grid.bit_length() - 1)
+
+
 def _bandwidth(device: Device, repeat: int) -> dict[str, Any]:
-    """Bytes read and written in a second by a copy."""
+    """Returns the bytes that a copy reads and writes in a second."""
     program = device.build(("device/roofline",), "float32")
     one, other = (device.put(np.zeros(COPIED // 4, np.float32)) for _ in range(2))
-    seconds = _timed(
-        device,
-        repeat,
-        lambda: program.run("copy", COPIED // 4 // device.lanes("float32"), one, other),
-    )
+    size = COPIED // 4 // device.lanes("float32")
+    seconds = _timed(device, repeat, lambda: program.run("copy", size, one, other))
     return _row("memory-bandwidth", seconds, "bytes", 2 * COPIED)
 
 
 def _gather(
-    device: Device,
-    name: str,
-    grid: int,
-    precision: str,
-    way: tuple[int, int],
-    abreast: int,
-    repeat: int,
+    device: Device, name: str, cube: AnyField, way: tuple[int, int], abreast: int, repeat: int
 ) -> dict[str, Any]:
-    """Voxels read in a second by a kernel that does nothing else; `way` is from cell to cell."""
+    """Returns the voxels that a kernel reads in a second if it does nothing else.
+
+    `way` holds factor and step from one voxel to the next, `abreast` is the number of rays in one.
+    """
+    precision = cube.precision
     program = device.build(("device/roofline",), precision)
-    cube, out = device.put(np.zeros(grid**3), precision), device.empty((RAYS,), precision)
-    size, log2_voxels = RAYS // device.lanes(precision), 3 * (grid.bit_length() - 1)
+    voxels, out = device.put(np.zeros(cube.grid**3), precision), device.empty((RAYS,), precision)
     factor, step = (np.uint32(number & 0xFFFFFFFF) for number in way)
-    arguments = (
-        cube,
-        np.int32(log2_voxels),
-        np.int32(abreast),
-        factor,
-        step,
-        np.int32(VOXELS_A_RAY),
-        out,
-    )
+    numbers = np.int32(_log2_voxels(cube)), np.int32(abreast), factor, step, np.int32(VOXELS_A_RAY)
+    arguments = voxels, *numbers, out
+    size = RAYS // device.lanes(precision)
     seconds = _timed(device, repeat, lambda: program.run("gather", size, *arguments))
     return _row(name, seconds, "voxels", RAYS * VOXELS_A_RAY)
 
 
 def _timed(device: Device, repeat: int, enqueue: Any) -> float:
-    """Median seconds from enqueue to finish, after once to warm up."""
+    """Returns the median seconds from enqueue to finish, after once to warm up."""
     taken = []
     for _ in range(repeat + 1):
         start = time.perf_counter()

@@ -20,6 +20,7 @@ from thzcl.scenario.scene import Billboard, Box, Scene
 from thzcl.surfaces import texture
 from thzcl.surfaces.camera import Raster, camera_frame
 from thzcl.surfaces.texture import Texture
+from thzcl.turbulence.orientation import ROTATIONS
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int32]
@@ -173,24 +174,6 @@ def _turn(degrees: float) -> tuple[float, float]:
         0.0 if abs(value) < 1e-15 else float(value) for value in (np.cos(angle), np.sin(angle))
     )
     return cosine, sine
-
-
-def _rotation(w: float, x: float, y: float, z: float) -> Array:
-    """Returns the rotation of a quaternion, (3, 3)."""
-    w, x, y, z = np.array([w, x, y, z]) / np.linalg.norm([w, x, y, z])
-    return np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-        ]
-    )
-
-
-# From world to cube. The oblique one was searched for: a ray along a world axis or a level diagonal
-# that has crossed up to four periods each way still runs a quarter of a period or more beside any
-# cell that it has met.
-ROTATIONS = {"aligned": np.eye(3), "oblique": _rotation(0.9435, -0.1204, -0.1348, -0.2778)}
 
 
 def world_frame(frame: Array, start: Array | None = None) -> Array:

@@ -8,7 +8,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from thzcl import files
 from thzcl.device.opencl import Buffer, Device, Program
+from thzcl.errors import FileError
 from thzcl.turbulence import cube_file
 from thzcl.turbulence.cube_file import CubeFile
 from thzcl.turbulence.spectra import Turbulence, spectral_amplitude
@@ -153,6 +155,8 @@ def load(
     device: Device, cube: CubeFile, mean_g_m3: float, mean_k: float, precision: str, ceiling: float
 ) -> Field:
     """Returns a user's cube on the device, as departures from the scene's mean air."""
+    if files.digest(cube.path, files.CUBE) != cube.digest:
+        raise FileError(f"{cube.path}: has changed since the run was planned; run it again")
     humidity, temperature, _ = cube_file.read(cube.path)
     relative = humidity.astype(np.float64) / mean_g_m3 - 1
     notes = list(cube.notes)

@@ -5,6 +5,7 @@ A user's cube comes, for example, from a large-eddy simulation.
 
 from __future__ import annotations
 
+import json
 import math
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,7 +16,7 @@ from numpy.typing import NDArray
 
 from thzcl.errors import FileError
 from thzcl.files import CUBE, digest, open_netcdf
-from thzcl.turbulence import cf
+from thzcl.turbulence import cf, orientation
 
 if TYPE_CHECKING:
     import h5py
@@ -69,6 +70,7 @@ TEMPERATURE = cf.Quantity(
 class CubeFile:
     """A user's cube: where it is, its sizes, mean and spans, and its bytes' SHA-256.
 
+    `orientation` is how it lies in the world: as the file says (thzcl's own do), else upright.
     `notes` tell what was taken for granted where the file does not say it.
     """
 
@@ -80,6 +82,7 @@ class CubeFile:
     temperature_span_k: Span | None
     digest: str
     notes: tuple[str, ...]
+    orientation: str = "aligned"
 
 
 class _Content(NamedTuple):
@@ -89,6 +92,7 @@ class _Content(NamedTuple):
     temperature: cf.Volume | None
     voxel_m: float | None
     steps_m: tuple[float, ...]
+    orientation: str
 
 
 def inspect(path: Path, voxel_m: float | None) -> CubeFile:
@@ -108,6 +112,7 @@ def inspect(path: Path, voxel_m: float | None) -> CubeFile:
         None if temperature is None else _span(temperature.values),
         digest(path, CUBE),
         humidity.notes + (() if temperature is None else temperature.notes),
+        content.orientation,
     )
 
 
@@ -116,7 +121,7 @@ def read(path: Path) -> tuple[NDArray[Any], NDArray[Any] | None, float | None]:
 
     The cubes are (z, y, x); the edge is None if the file does not tell it. Raises FileError.
     """
-    humidity, temperature, voxel_m, steps_m = _load(path)
+    humidity, temperature, voxel_m, steps_m, _ = _load(path)
     edge = steps_m[0] if voxel_m is None and steps_m else voxel_m
     return humidity.values, None if temperature is None else temperature.values, edge
 
@@ -171,7 +176,17 @@ def _load(path: Path) -> _Content:
             warmth,
             None if voxel_m is None else _within(path, voxel_m),
             content.steps_m,
+            _orientation(file),
         )
+
+
+def _orientation(file: h5py.File) -> str:
+    """Returns how a file says that its cube lies in the world, as thzcl's own do; else upright."""
+    try:
+        rotation = json.loads(file.attrs.get("grid_rotation", "null"))
+    except (TypeError, ValueError):
+        return "aligned"
+    return orientation.name_of(rotation) or "aligned"
 
 
 def _check_shape(path: Path, humidity: h5py.Dataset) -> None:

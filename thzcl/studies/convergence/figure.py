@@ -8,10 +8,10 @@ from typing import Any
 LOWEST = 1e-16  # errors of nothing are drawn here
 
 
-def picture(found: dict[str, Any], path: Path) -> None:
-    """Writes a PNG, log-log: filled marks on each knob's Pareto front.
+def picture(record: dict[str, Any], path: Path) -> None:
+    """Writes a PNG with logarithmic axes.
 
-    A ring around the default.
+    Marks on a knob's Pareto front are filled, and a ring is drawn around the default.
     """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
@@ -19,22 +19,21 @@ def picture(found: dict[str, Any], path: Path) -> None:
     figure = Figure(figsize=(9.5, 6.0), layout="constrained")
     FigureCanvasAgg(figure)
     ax = figure.subplots()
-    knobs = list(dict.fromkeys(point["knob"] for point in found["points"]))
+    knobs = list(dict.fromkeys(point["knob"] for point in record["points"]))
     for number, knob in enumerate(knobs):
         points = sorted(
-            (p for p in found["points"] if p["knob"] == knob), key=lambda p: p["seconds"]
+            (p for p in record["points"] if p["knob"] == knob), key=lambda p: p["seconds"]
         )
         _draw(ax, knob, points, f"C{number % 10}", "os^vD<>pP*"[number % 10])
     ax.plot([], [], "o", ms=13, mfc="none", mec="k", label="default setting")
     ax.plot([], [], "o", ms=7, mfc="gray", mec="gray", label="on the knob's Pareto front")
-    ax.set_xscale("log")
-    ax.set_yscale("log")
+    if knobs:  # logarithmic axes cannot be empty
+        ax.set_xscale("log")
+        ax.set_yscale("log")
     ax.set_xlabel("run time of the stages that the knob touches / s")
     ax.set_ylabel("rms error / largest contrast in the image")
-    ax.set_title(
-        f"{found['scenario']}: error against run time\n{found['device']}, medians of {found['repeat']}",
-        fontsize=10,
-    )
+    made = f"{record['device']}, medians of {record['repeat']}"
+    ax.set_title(f"{record['scenario']}: error against run time\n{made}", fontsize=10)
     ax.grid(which="both", alpha=0.2)
     ax.legend(fontsize=8, loc="center left", bbox_to_anchor=(1.0, 0.5))
     figure.savefig(path, dpi=130, format="png")

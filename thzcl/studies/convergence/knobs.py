@@ -1,30 +1,25 @@
-"""The knobs that trade error for run time: what each may be set to, how that is run.
+"""The knobs that trade error for run time: settings of a scene, or other specs in its graph.
 
-And where it has no meaning.
+Each function here returns a knob, or raises MeaninglessError for a scene where it changes nothing.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cache, partial
 from typing import Any
 
-import numpy as np
-
-from thzcl.air.expansion import Surrogate
+from thzcl.air.expansion import ExpansionSpec
 from thzcl.clock import Clock
-from thzcl.device.opencl import Device
-from thzcl.paths import trace
-from thzcl.plan import compute
-from thzcl.plan.plan import Group, VariantPlan
-from thzcl.plan import numerics as accuracy
-from thzcl.plan import report as overview
-from thzcl.sensing.develop import develop
-from thzcl.sensor import Echoes
-from thzcl.studies.convergence.subject import EXACT, Contrasts, Subject
-from thzcl.turbulence.cube import Field
+from thzcl.graph import everything, peak
+from thzcl.paths.specs import EmissionSpec, TraceSpec
+from thzcl.plan import numerics
+from thzcl.plan.variant import PlannedVariant
+from thzcl.studies.convergence.specs import Change, by_library, by_steps, by_table, in_coarse_air
+from thzcl.studies.convergence.subject import EXACT, Contrasts, Subject, pixels
+from thzcl.turbulence.fields import AnyField, FieldSpec
 from thzcl.turbulence.spectra import Turbulence
 
 TRACED = ("trace", "path-emission", "outgoing-path", "shading")
@@ -37,7 +32,7 @@ TABLE_STEPS = (10.0, 5.0, 2.0, 1.0, 0.5)  # % of relative humidity; the paper's 
 
 @dataclass(frozen=True)
 class Setting:
-    """One position of a knob; `run` computes the image, with its stages timed by the clock."""
+    """One position of a knob; `run` returns the image, and tells the clock its stages."""
 
     name: str
     default: bool
@@ -46,7 +41,7 @@ class Setting:
 
 @dataclass(frozen=True)
 class Knob:
-    """What is varied, the stages whose time it changes, and what its images are held against."""
+    """What is varied, the stages whose time it changes, and the image without error."""
 
     name: str
     stages: tuple[str, ...]
@@ -55,11 +50,11 @@ class Knob:
 
 
 class MeaninglessError(ValueError):
-    """A knob that makes no difference to a scene; the text says why."""
+    """A knob makes no difference to a scene; the text says why."""
 
 
 def _simple(subject: Subject, name: str, default: bool, changes: dict[str, Any]) -> Setting:
-    """A position that settings of the scenario describe."""
+    """Returns a position of a knob that settings of the scene describe."""
 
     def run(clock: Clock) -> Contrasts:
         with clock.stage("plan"):
@@ -69,13 +64,22 @@ def _simple(subject: Subject, name: str, default: bool, changes: dict[str, Any])
     return Setting(name, default, run)
 
 
+def _rewritten(subject: Subject, name: str, default: bool, change: Change) -> Setting:
+    """Returns a position of a knob that puts other specs into the scene's graph."""
+
+    def run(clock: Clock) -> Contrasts:
+        return subject.contrasts(subject.plan, clock, change)
+
+    return Setting(name, default, run)
+
+
 def _exact(subject: Subject) -> Contrasts:
     return subject.exact
 
 
 def arithmetic(subject: Subject) -> Knob:
-    """float32 or float64 on the device."""
-    chosen = subject.plan.variants[0].precision
+    """Returns the knob of float32 or float64 on the device."""
+    chosen = subject.plan.variants[0].settled.precision
     settings = [
         _simple(subject, p, p == chosen, {"numerics.precision": p}) for p in ("float32", "float64")
     ]
@@ -83,60 +87,49 @@ def arithmetic(subject: Subject) -> Knob:
 
 
 def surrogate(subject: Subject) -> Knob:
-    """The degree of the absorption polynomial."""
+    """Returns the knob of the absorption polynomial's degree."""
     _fluctuating(subject)
-    degrees = sorted({*range(1, 9), subject.plan.moments})
+    own = subject.degree
     settings = [
-        _simple(subject, f"degree {k}", k == subject.plan.moments, {"numerics.moments": k})
-        for k in degrees
+        _simple(subject, f"degree {k}", k == own, {} if k == own else {"numerics.moments": k})
+        for k in sorted({*range(1, 9), own})
     ]
     return Knob("surrogate", (*FITS, *TRACED), tuple(settings), partial(_exact, subject))
 
 
 def table(subject: Subject) -> Knob:
-    """Absorption from a look-up table over humidity, linearly interpolated for every voxel.
+    """Returns the knob of absorption from a table over humidity, in place of a polynomial.
 
-    As the paper has it.
+    The table is interpolated linearly for every voxel, as in the paper.
     """
     _fluctuating(subject)
     _plain_air(subject)
-    if len(subject.plan.variants[0].frequency_hz) > 1:
+    if any(v.image.spectrum.nodes_hz.shape[0] > 1 for v in subject.plan.variants):
         raise MeaninglessError(
             "the scene has many frequencies: each would need a table and a cube of its own"
         )
-    settings = [
-        Setting(f"{step:g} %", False, partial(_by_table, subject, step)) for step in TABLE_STEPS
-    ]
+    settings = [_rewritten(subject, f"{step:g} %", False, by_table(step)) for step in TABLE_STEPS]
     own = _simple(subject, "polynomial", True, {})
     return Knob("table", ("surrogate", *TRACED), (*settings, own), partial(_exact, subject))
 
 
 def quadrature(subject: Subject) -> Knob:
-    """Frequencies that a band is summed over."""
+    """Returns the knob of the frequencies that a band is summed over."""
     variant = subject.plan.variants[0]
     if variant.scene.sensor.kind != "passive-broadband":
         raise MeaninglessError("the sensor has no band")
     fixed = {
-        "numerics.precision": variant.precision,
-        "numerics.cutoff_depth": variant.accuracy.cutoff,
+        "numerics.precision": variant.settled.precision,
+        "numerics.cutoff_depth": variant.settled.cutoff,
         "numerics.ray_stride": 1,
     }
-    settings = [
-        _simple(
-            subject,
-            f"paper, {steps}",
-            False,
-            {"sensor.quadrature": "paper", "sensor.paper_steps": steps},
-        )
-        for steps in ("edges", "trapezoid", "bins")
-    ]
+    settings = []
+    for steps in ("edges", "trapezoid", "bins"):
+        paper = {"sensor.quadrature": "paper", "sensor.paper_steps": steps}
+        settings.append(_simple(subject, f"paper, {steps}", False, paper))
     for power in (2, 3, 4, 6, 7):
-        bearable = 10.0**-power / accuracy.BAND
-        settings.append(
-            _simple(
-                subject, f"resolved to 1e-{power}", False, fixed | {"numerics.tolerance": bearable}
-            )
-        )
+        resolved = fixed | {"numerics.tolerance": 10.0**-power / numerics.BAND}
+        settings.append(_simple(subject, f"resolved to 1e-{power}", False, resolved))
     settings.append(_simple(subject, "resolved to 1e-5", True, {}))
     reference = {"sensor.quadrature": "resolved", **EXACT}
     exact = cache(lambda: subject.contrasts(subject.plan_with(reference), Clock()))
@@ -144,20 +137,37 @@ def quadrature(subject: Subject) -> Knob:
 
 
 def cutoff(subject: Subject) -> Knob:
-    """The optical depth at which a ray ends."""
-    deepest = max(float(g.sample.length.max()) * g.thinnest.thinnest for g in subject.plan.groups)
+    """Returns the knob of the optical depth at which a ray ends."""
+    followed = [depth for variant in subject.plan.variants for depth in _depths(variant)]
+    if not followed:
+        raise MeaninglessError("the air is even: no ray is followed, and none is cut off")
+    deepest = max(followed)
     depths = [depth for depth in (1.0, 2.0, 4.0, 8.0, 32.0) if depth < deepest]
     if not depths:
         raise MeaninglessError(f"no ray is deeper than {deepest:.2g}")
     settings = [
         _simple(subject, f"depth {d:g}", False, {"numerics.cutoff_depth": d}) for d in depths
     ]
-    own = _simple(subject, f"depth {subject.plan.variants[0].accuracy.cutoff:.3g}", True, {})
+    own = _simple(subject, f"depth {subject.plan.variants[0].settled.cutoff:.3g}", True, {})
     return Knob("cutoff", TRACED, (*settings, own), partial(_exact, subject))
 
 
+def _depths(variant: PlannedVariant) -> list[float]:
+    """Returns the depth of the longest ray through mean air, for each path through a cube.
+
+    It is that of the thinnest frequency among all that the path serves.
+    """
+    depths = []
+    for path in everything([variant.image.pixels]):
+        if isinstance(path, TraceSpec | EmissionSpec):
+            served = [spec for spec in everything([path]) if isinstance(spec, ExpansionSpec)]
+            thinnest = min(fit.air.absorption(fit.frequency_hz.array).min() for fit in served)
+            depths.append(variant.longest_m * float(thinnest))
+    return depths
+
+
 def samples(subject: Subject) -> Knob:
-    """Rays to a pixel."""
+    """Returns the knob of rays to a pixel."""
     own = subject.plan.variants[0].scene.camera.samples_per_pixel
     most = next((n for n in (MOST_SAMPLES, 16) if _fits(subject, n)), 0)
     if own * 4 > most:
@@ -172,108 +182,83 @@ def samples(subject: Subject) -> Knob:
 
 
 def _fits(subject: Subject, samples_per_pixel: int) -> bool:
-    total, largest = overview.memory(
-        subject.plan_with({"camera.samples_per_pixel": samples_per_pixel})
-    )
-    return 2 * total < subject.device.memory_bytes and largest < subject.device.largest_buffer
+    plan = subject.plan_with({"camera.samples_per_pixel": samples_per_pixel})
+    most, largest = peak(pixels(plan))
+    return 2 * most < subject.device.memory_bytes and largest < subject.device.largest_buffer
 
 
 def voxel(subject: Subject) -> Knob:
-    """The size of voxels, the cube's period and the large eddies kept.
+    """Returns the knob of the voxels' size, at the same period and with the same large eddies.
 
-    Finer cubes averaged to coarser ones.
+    Images are of a finer cube averaged to coarser ones; times are of cubes made that coarse.
     """
     source = _fluctuating(subject)
     finest = min(2 * source.grid, FINEST_GRID)
     if finest <= source.grid:
         raise MeaninglessError(f"the scene's grid is as fine as {finest} voxels already")
     grids = [n for n in (16, 32, 64, 128) if n <= source.grid]
-    changes = {
-        n: {
-            "atmosphere.fluctuations.grid": n,
-            "atmosphere.fluctuations.voxel_m": source.period_m / n,
-        }
-        for n in grids
-    }
-    fine = subject.plan_with(
-        {
-            "atmosphere.fluctuations.grid": finest,
-            "atmosphere.fluctuations.voxel_m": source.period_m / finest,
-        }
-    )
-    cube = cache(lambda: compute.make_field(subject.device, fine.variants[0], Clock()))
+    finer = _finer_cubes(subject, source, finest)
+
+    @cache
+    def images() -> dict[int, Contrasts]:
+        sizes = [*grids, finest]
+        changes = (in_coarse_air(finer, n) for n in sizes)
+        return dict(zip(sizes, subject.series(subject.plan, Clock(), changes), strict=True))
 
     def run(grid: int, clock: Clock) -> Contrasts:
-        subject.contrasts(subject.plan_with(changes[grid]), clock)
-        return _coarse(subject, cube(), grid)
+        subject.contrasts(subject.plan_with(_cut_into(source, grid)), clock)
+        return images()[grid]
 
     settings = [
         Setting(f"{n} cubed, {source.period_m / n:.3g} m", n == source.grid, partial(run, n))
         for n in grids
     ]
-    return Knob(
-        "voxel",
-        ("humidity-field", "temperature-field", *TRACED),
-        tuple(settings),
-        cache(lambda: _coarse(subject, cube(), finest)),
-    )
+    stages = ("humidity-field", "temperature-field", *TRACED)
+    return Knob("voxel", stages, tuple(settings), lambda: images()[finest])
 
 
-def _coarse(subject: Subject, cube: Field | None, grid: int) -> Contrasts:
-    """The scene in a cube averaged down to fewer voxels."""
+def _cut_into(source: Turbulence, grid: int) -> dict[str, Any]:
+    """Returns the settings of a cube of the same period with other voxels."""
+    return {
+        "atmosphere.fluctuations.grid": grid,
+        "atmosphere.fluctuations.voxel_m": source.period_m / grid,
+    }
 
-    def make(device: Device, variant: VariantPlan, _: Clock) -> Field | None:
-        if cube is None:
-            return None
-        n, voxel_m = cube.grid // grid, cube.voxel_m * cube.grid / grid
 
-        def mean(buffer: Any) -> Any:
-            values = (
-                buffer.host()
-                .astype(np.float64)
-                .reshape(grid, n, grid, n, grid, n)
-                .mean(axis=(1, 3, 5))
-            )
-            return device.put(values, variant.precision)
+def _finer_cubes(subject: Subject, source: Turbulence, grid: int) -> dict[AnyField, AnyField]:
+    """Returns for each random cube of the scene the same with `grid` voxels an edge."""
+    fine = subject.plan_with(_cut_into(source, grid))
+    finer: dict[AnyField, AnyField] = {}
+    for own, other in zip(subject.plan.variants, fine.variants, strict=True):
+        if isinstance(own.cube, FieldSpec) and isinstance(other.cube, FieldSpec):
+            finer[own.cube] = other.cube
+    if any(not _same_period(cube, source) or cube.grid != grid for cube in finer.values()):
+        raise MeaninglessError("a variant sets grid or voxel_m itself")
+    return finer
 
-        offset = None if cube.offset is None else mean(cube.offset)
-        return replace(cube, grid=grid, voxel_m=voxel_m, delta=mean(cube.delta), offset=offset)
 
-    return subject.contrasts(subject.plan, Clock(), make)
+def _same_period(cube: AnyField, source: Turbulence) -> bool:
+    return math.isclose(cube.grid * cube.voxel_m, source.period_m)
 
 
 def march(subject: Subject) -> Knob:
-    """Steps of equal length, in place of the voxels' own segments."""
+    """Returns the knob of steps of equal length, in place of the voxels' own segments."""
     source = _fluctuating(subject)
     _plain_air(subject)
-
-    def run(step_m: float, clock: Clock) -> Contrasts:
-        def tracer(
-            device: Device, group: Group, ends: Any, medium: Any, moments: int, guard: Any
-        ) -> trace.Paths:
-            del guard  # equal steps go to the end
-            return trace.trace_steps(device, ends, medium, moments, step_m, group.first.precision)
-
-        return subject.contrasts(subject.plan, clock, tracer=tracer)
-
-    parts = (2.0, 1.0, 0.5, 0.25, 0.125, 0.0625)
     settings = [
-        Setting(f"steps of {p:g} voxels", False, partial(run, p * source.voxel_m)) for p in parts
+        _rewritten(subject, f"steps of {part:g} voxels", False, by_steps(part * source.voxel_m))
+        for part in (2.0, 1.0, 0.5, 0.25, 0.125, 0.0625)
     ]
-    return Knob(
-        "march",
-        TRACED,
-        (*settings, _simple(subject, "exact segments", True, {})),
-        partial(_exact, subject),
-    )
+    own = _simple(subject, "exact segments", True, {})
+    return Knob("march", TRACED, (*settings, own), partial(_exact, subject))
 
 
 def stride(subject: Subject) -> Knob:
-    """Rays that are traced, both ways; the others are interpolated."""
+    """Returns the knob of rays that are traced, both ways; the others are interpolated."""
     _fluctuating(subject)
     _plain_air(subject)
-    own = subject.plan.groups[0].stride
-    steps = sorted({1, 2, 4, 8, 16, own})
+    paths = (spec for spec in everything(pixels(subject.plan)) if isinstance(spec, TraceSpec))
+    own = next(paths).stride
     settings = [
         _simple(
             subject,
@@ -281,21 +266,17 @@ def stride(subject: Subject) -> Knob:
             s == own,
             {"numerics.ray_stride": s},
         )
-        for s in steps
+        for s in sorted({1, 2, 4, 8, 16, own})
     ]
     return Knob("stride", TRACED, tuple(settings), partial(_exact, subject))
 
 
 def fft(subject: Subject) -> Knob:
-    """The library that transforms the field."""
-    source = _fluctuating(subject)
+    """Returns the knob of the library that transforms the field."""
+    _fluctuating(subject)
     usual = subject.device.usual_library
-
-    def run(library: str, clock: Clock) -> Contrasts:
-        return subject.contrasts(subject.plan, clock, partial(compute.make_field, library=library))
-
     libraries = ("scipy", "reikna") if subject.device.in_place else ("reikna",)
-    settings = [Setting(name, name == usual, partial(run, name)) for name in libraries]
+    settings = [_rewritten(subject, name, name == usual, by_library(name)) for name in libraries]
     return Knob("fft", ("humidity-field",), tuple(settings), partial(_exact, subject))
 
 
@@ -314,76 +295,18 @@ KNOBS: dict[str, Callable[[Subject], Knob]] = {
 
 
 def _fluctuating(subject: Subject) -> Turbulence:
-    field = subject.plan.variants[0].field
-    if field is None or not isinstance(field.source, Turbulence):
-        raise MeaninglessError("the scene has no random air")
-    return field.source
+    """Returns the statistics of the scene's random air."""
+    for variant in subject.plan.variants:
+        if variant.cube is not None and variant.cube.random is not None:
+            return variant.cube.random
+    raise MeaninglessError("the scene has no random air")
 
 
 def _plain_air(subject: Subject) -> None:
-    """Of one temperature, crossed once, at one time."""
-    for variant in subject.plan.variants:
-        if not variant.isothermal:
-            raise MeaninglessError("the air's temperature fluctuates")
-        if variant.times_s is not None or variant.needs.transmitter_m is not None:
-            raise MeaninglessError("the scene's rays go through the air more than once")
-
-
-def _by_table(subject: Subject, step_percent: float, clock: Clock) -> Contrasts:
-    """Every variant through a cube of its own absorption, looked up."""
-    found: Contrasts = {}
-    cubes: dict[object, Field | None] = {}
-    for group in subject.plan.groups:
-        for variant in group.variants:
-            if variant.field not in cubes:
-                cubes[variant.field] = compute.make_field(subject.device, variant, clock)
-            cube = cubes[variant.field]
-            lines = compute.find_lines(subject.device, variant, clock)
-            if cube is None:
-                continue
-            with clock.stage("surrogate"):
-                mean, looked_up = _looked_up(variant, cube, step_percent)
-                medium = compute.medium_of(subject.device, variant, cube, lines.camera, None)
-                medium = replace(medium, delta=subject.device.put(looked_up, variant.precision))
-            fitted = replace(variant.surrogate, coefficients=np.full((1, 2, 1), mean))
-            captured = _captured(subject, variant, fitted, medium, lines, clock)
-            sight = develop([captured], clock)
-            seen = sight.returned if isinstance(sight, Echoes) else sight.contrast
-            found[variant.name] = np.asarray(seen, dtype=np.float64)
-    return found
-
-
-def _captured(
-    subject: Subject,
-    variant: VariantPlan,
-    fitted: Surrogate,
-    medium: Any,
-    lines: compute.Lines,
-    clock: Clock,
-) -> compute.Capture:
-    def tracer(
-        device: Device, group: Group, ends: Any, medium: Any, moments: int, guard: Any
-    ) -> trace.Paths:
-        return trace.trace(device, ends, medium, moments, guard, group.first.precision)
-
-    return next(
-        compute.isothermal(
-            subject.device, Group((variant,)), [fitted], [medium], lines, clock, tracer
-        )
-    )
-
-
-def _looked_up(variant: VariantPlan, cube: Field, step_percent: float) -> tuple[float, Any]:
-    """The mean air's absorption in 1/m, and every voxel's relative to it less 1.
-
-    From a table in steps of relative humidity.
-    """
-    air = variant.surrogate.air
-    values = cube.delta.host()
-    rows = math.ceil((1 + cube.humidity_span[1]) * air.relative_humidity_percent / step_percent) + 1
-    delta = np.minimum(
-        np.arange(rows) * step_percent / air.relative_humidity_percent - 1, air.most_vapour
-    )
-    mean = float(air.absorption(variant.frequency_hz)[0])
-    absorption = air.absorption(variant.frequency_hz, delta)
-    return mean, np.interp(values, delta, absorption) / mean - 1
+    """Raises MeaninglessError but for air of one temperature, crossed once, at one time."""
+    specs = everything(pixels(subject.plan))
+    if any(isinstance(spec, EmissionSpec) for spec in specs):
+        raise MeaninglessError("the air's temperature fluctuates")
+    timed = any(isinstance(s, TraceSpec) and s.motion.times_s is not None for s in specs)
+    if timed or any(v.needs.transmitter_m is not None for v in subject.plan.variants):
+        raise MeaninglessError("the scene's rays go through the air more than once")

@@ -1,6 +1,6 @@
-"""The study itself: every setting of every knob, run, timed and held against its reference.
+"""The study itself: every setting of every knob is run, timed and held against its reference.
 
-Interrupted, it goes on later.
+A study that was interrupted goes on where it ended.
 """
 
 from __future__ import annotations
@@ -15,21 +15,23 @@ from pathlib import Path
 from statistics import median
 from typing import Any
 
-import thzcl
 from thzcl.clock import Clock
-from thzcl.files import write_whole
-from thzcl.errors import ScenarioError
+from thzcl.errors import FileError, ScenarioError
+from thzcl.files import Kind, read_text, write_whole
+from thzcl.results.versions import VERSION
 from thzcl.studies.convergence.knobs import KNOBS, Knob, MeaninglessError, Setting
 from thzcl.studies.convergence.subject import Subject, errors
 
 Progress = Callable[[str], None]
+_EARLIER = Kind(64_000_000, "give another folder")  # a study of the same name
 
 
 @dataclass(frozen=True)
 class Point:
-    """One setting: the time of the stages that its knob touches, and its error relative to the image's largest contrast.
+    """One setting: the time of the stages that its knob touches, and its error.
 
-    `on_front`: no other setting of the knob is as fast and more accurate, or as accurate and faster.
+    Errors are relative to the image's largest contrast. `on_front` says that no other setting of
+    the knob is as fast and more accurate, or as accurate and faster.
     """
 
     knob: str
@@ -44,9 +46,10 @@ class Point:
 def study(
     subject: Subject, folder: Path, names: Sequence[str], repeat: int, progress: Progress
 ) -> dict[str, Any]:
-    """Runs what has not been run before, and writes FOLDER/<scenario>-convergence.json, .csv and .png.
+    """Runs what has not been run before; writes FOLDER/<scenario>-convergence.json, .csv and .png.
 
-    Returns what the JSON file holds. Raises ScenarioError for a knob that there is not, OSError.
+    Returns what the JSON file holds. Raises ScenarioError for a knob that there is not, OSError for
+    files that cannot be written.
     """
     unknown = [name for name in names if name not in KNOBS]
     if unknown:
@@ -54,13 +57,13 @@ def study(
             [f"--knobs: there is no {', '.join(unknown)}; choose among {', '.join(KNOBS)}"]
         )
     path = folder / f"{subject.plan.scenario.name}-convergence.json"
-    record = {
+    record: dict[str, Any] = {
         "scenario": subject.plan.scenario.name,
         "identity": _identity(subject, repeat),
         "device": f"{subject.device.info.name} ({subject.device.info.driver})",
         "machine": platform.machine(),
         "repeat": repeat,
-        "thzcl": thzcl.__version__,
+        "thzcl": VERSION,
     }
     points, left_out = _known(path, record["identity"]), []
     for name in names or KNOBS:
@@ -75,13 +78,13 @@ def study(
                 points.append(_measure(knob, setting, repeat))
                 _write(path, record | {"points": [asdict(p) for p in points]})
     wanted = [p for p in points if p.knob in (names or KNOBS)]
-    found = record | {"points": [asdict(p) for p in front(wanted)], "left_out": left_out}
-    found["default_over_front"] = default_over_front(wanted)
-    return found | {"files": _outputs(path, found, points)}
+    record |= {"points": [asdict(p) for p in front(wanted)], "left_out": left_out}
+    record["default_over_front"] = default_over_front(wanted)
+    return record | {"files": _outputs(path, record, points)}
 
 
 def _measure(knob: Knob, setting: Setting, repeat: int) -> Point:
-    """The first run warms up, and gives the image."""
+    """Returns a setting's error by a first run, which warms up, and its time by more of them."""
     rms, most = errors(setting.run(Clock()), knob.reference())
     times = []
     for _ in range(repeat):
@@ -92,7 +95,7 @@ def _measure(knob: Knob, setting: Setting, repeat: int) -> Point:
 
 
 def front(points: Sequence[Point]) -> list[Point]:
-    """The points with those marked that no other of their knob is better than."""
+    """Returns the points, with those marked that no other of their knob is better than."""
 
     def beaten(point: Point) -> bool:
         return any(
@@ -107,40 +110,39 @@ def front(points: Sequence[Point]) -> list[Point]:
 
 
 def default_over_front(points: Sequence[Point]) -> dict[str, float]:
-    """By knob, the default's time over that of the fastest setting that is as accurate.
+    """Returns by knob the default's time over that of the fastest setting that is as accurate.
 
-    To a tenth or rounding.
+    Errors are alike if they differ by a tenth at most, or are within float32's rounding.
     """
-    found = {}
+    ratios = {}
     for own in (point for point in points if point.default):
         bearable = max(1.1 * own.error_rms, 2e-7)
         fastest = min(p.seconds for p in points if p.knob == own.knob and p.error_rms <= bearable)
-        found[own.knob] = own.seconds / fastest if fastest > 0 else 1.0
-    return found
+        ratios[own.knob] = own.seconds / fastest if fastest > 0 else 1.0
+    return ratios
 
 
 def _identity(subject: Subject, repeat: int) -> str:
-    """Equal for studies whose points can stand together."""
+    """Returns a key that is equal for studies whose points can stand together."""
     scenario = subject.plan.scenario
-    told = [
+    parts = [
         scenario.text,
         sorted(subject.settings.items()),
         list(subject.variants),
         subject.device.info.name,
         repeat,
-        thzcl.__version__,
+        VERSION,
     ]
-    return hashlib.sha256(json.dumps(told, default=str).encode()).hexdigest()[:16]
+    return hashlib.sha256(json.dumps(parts, default=str).encode()).hexdigest()[:16]
 
 
 def _known(path: Path, identity: Any) -> list[Point]:
-    """Points of an earlier study of the same, finished or not."""
+    """Returns the points of an earlier study of the same, finished or not."""
     try:
-        record = json.loads(path.read_text(encoding="utf-8"))
-        return (
-            [Point(**point) for point in record["points"]] if record["identity"] == identity else []
-        )
-    except (OSError, ValueError, KeyError, TypeError):
+        record = json.loads(read_text(path, _EARLIER))
+        same = record["identity"] == identity
+        return [Point(**point) for point in record["points"]] if same else []
+    except (FileError, ValueError, KeyError, TypeError, RecursionError):
         return []
 
 
@@ -150,12 +152,12 @@ def _write(path: Path, record: dict[str, Any]) -> None:
     )
 
 
-def _outputs(path: Path, found: dict[str, Any], points: Sequence[Point]) -> list[str]:
-    """Writes all that is to be kept; points of knobs not asked for this time too."""
+def _outputs(path: Path, record: dict[str, Any], points: Sequence[Point]) -> list[str]:
+    """Writes all points, those of knobs not asked for this time too; returns the files' names."""
     from thzcl.studies.convergence.figure import picture
 
-    _write(path, found | {"points": [asdict(point) for point in front(points)]})
-    rows = found["points"]
+    _write(path, record | {"points": [asdict(point) for point in front(points)]})
+    rows = record["points"]
 
     def write_csv(part: Path) -> None:
         with part.open("w", newline="", encoding="utf-8") as file:
@@ -164,5 +166,5 @@ def _outputs(path: Path, found: dict[str, Any], points: Sequence[Point]) -> list
             writer.writerows(rows)
 
     write_whole(path.with_suffix(".csv"), write_csv)
-    write_whole(path.with_suffix(".png"), lambda part: picture(found, part))
+    write_whole(path.with_suffix(".png"), lambda part: picture(record, part))
     return [str(path.with_suffix(suffix)) for suffix in (".json", ".csv", ".png")]

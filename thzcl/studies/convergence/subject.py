@@ -1,11 +1,8 @@
-"""The scene under study: exposures with changed settings.
-
-And the reference that they are held against.
-"""
+"""The scene under study, with changed settings or graphs, and the reference for its errors."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -17,13 +14,12 @@ from numpy.typing import NDArray
 from thzcl import pipeline
 from thzcl.clock import Clock
 from thzcl.device.opencl import Device
-from thzcl.plan.compute import Tracer
-from thzcl.plan.exposure import FieldMaker, expose
-from thzcl.plan import compute
+from thzcl.graph import evaluate, rewrite
 from thzcl.plan.plan import Plan
-from thzcl.sensor import Echoes
+from thzcl.sensing.pixels import PixelsSpec
+from thzcl.studies.convergence.specs import Change, unchanged
 
-Contrasts = dict[str, NDArray[np.float64]]  # by variant, (band, y, x)
+Contrasts = dict[str, NDArray[np.float64]]  # by variant, (plane, y, x)
 
 # Everything in float64, and nothing worth a billionth of the contrast left out.
 EXACT: Mapping[str, Any] = {
@@ -43,13 +39,8 @@ class Subject:
     device: Device
     allow_outside: bool = False
 
-    def planned(self, **changes: Any) -> Plan:
-        """The plan with some settings changed; dots in their names are double underscores."""
-        renamed = {name.replace("__", "."): value for name, value in changes.items()}
-        return self.plan_with(renamed)
-
     def plan_with(self, changes: Mapping[str, Any]) -> Plan:
-        """The plan with some settings changed."""
+        """Returns the plan with some settings of the scene changed."""
         return pipeline.prepare(
             self.source,
             {**self.settings, **changes},
@@ -59,39 +50,54 @@ class Subject:
 
     @cached_property
     def plan(self) -> Plan:
-        """As the scene has it."""
+        """Returns the plan of the scene as it is."""
         return self.plan_with({})
 
-    def contrasts(
-        self,
-        plan: Plan,
-        clock: Clock,
-        make: FieldMaker = compute.make_field,
-        tracer: Tracer | None = None,
-    ) -> Contrasts:
-        """What the pixels see: radiance above the air's, or the part returned."""
-        found: Contrasts = {}
-        for exposed in expose(plan, self.device, clock, {}, make, tracer):
-            for of_one, sight in zip(exposed.captures, exposed.sights, strict=True):
-                seen = sight.returned if isinstance(sight, Echoes) else sight.contrast
-                found[of_one[0].variant.name] = np.asarray(seen, dtype=np.float64)
-        return found
+    @cached_property
+    def degree(self) -> int:
+        """Returns the highest degree in humidity of the absorption polynomials of a run."""
+        fits = tuple(variant.expansion for variant in self.plan.variants)
+        (expansions,) = evaluate([fits], self.device)
+        return int(max(expansion.moments for expansion in expansions))
+
+    def contrasts(self, plan: Plan, clock: Clock, change: Change = unchanged) -> Contrasts:
+        """Returns what the pixels see: radiance above the air's, or the part returned.
+
+        `change` is applied to every spec of the graph; `clock` is told what each stage takes.
+        """
+        (contrasts,) = self.series(plan, clock, [change])
+        return contrasts
+
+    def series(self, plan: Plan, clock: Clock, changes: Iterable[Change]) -> Iterator[Contrasts]:
+        """Yields what the pixels see after each of several changes.
+
+        What a change leaves as the change before it had it is computed once for both.
+        """
+        graphs = (rewrite(pixels(plan), change) for change in changes)
+        for values in evaluate(graphs, self.device, clock):
+            pairs = zip(plan.variants, values, strict=True)
+            yield {v.name: np.asarray(seen.contrast, dtype=np.float64) for v, seen in pairs}
 
     @cached_property
     def exact(self) -> Contrasts:
-        """The reference for all that leaves pixels and voxels as they are."""
+        """Returns the reference for all knobs that leave pixels and voxels as they are."""
         return self.contrasts(self.plan_with(EXACT), Clock())
 
 
-def errors(found: Contrasts, exact: Contrasts) -> tuple[float, float]:
-    """Root mean square and largest error over the pixels, relative to the largest contrast.
+def pixels(plan: Plan) -> tuple[PixelsSpec, ...]:
+    """Returns what the pixels of each variant see, as specs."""
+    return tuple(variant.image.pixels for variant in plan.variants)
 
-    Of the worst band and variant.
+
+def errors(contrasts: Contrasts, exact: Contrasts) -> tuple[float, float]:
+    """Returns the root mean square and the largest error over the pixels.
+
+    Both are relative to the largest contrast, and of the worst plane and variant.
     """
     rms = most = 0.0
     for name, truth in exact.items():
         scale = np.abs(truth).max(axis=(1, 2))
-        wrong = np.abs(found[name] - truth)
+        wrong = np.abs(contrasts[name] - truth)
         scale = np.where(scale > 0, scale, 1.0)
         rms = max(rms, float((np.sqrt((wrong**2).mean(axis=(1, 2))) / scale).max()))
         most = max(most, float((wrong.max(axis=(1, 2)) / scale).max()))

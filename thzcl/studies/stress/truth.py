@@ -16,7 +16,7 @@ from thzcl.air.mpm93 import attenuation, line_centers_ghz, line_width_ghz
 from thzcl.error.twin import planck, planck_difference, transfer, walk
 from thzcl.results.contents import Cube
 from thzcl.scenario.scene import Box, Scene
-from thzcl.surfaces.geometry import ROTATIONS
+from thzcl.turbulence.orientation import ROTATIONS
 
 Array = NDArray[np.float64]
 GAS_CONSTANT_OF_VAPOUR = 461.525  # J kg-1 K-1

@@ -1,0 +1,18 @@
+"""The versions that a result depends on."""
+
+from __future__ import annotations
+
+import platform
+import sys
+from importlib.metadata import version
+
+VERSION = "0.1.0"
+PACKAGES = ("numpy", "scipy", "pyopencl", "reikna", "pluggy", "pydantic", "h5netcdf")
+
+
+def versions() -> dict[str, str]:
+    """Returns the versions of thzcl, Python and the packages that numbers depend on."""
+    own = {"thzcl": VERSION, "python": platform.python_version()}
+    # A loaded package tells its version at once; metadata of others take milliseconds to find.
+    loaded = {name: getattr(sys.modules.get(name), "__version__", None) for name in PACKAGES}
+    return own | {name: known or version(name) for name, known in loaded.items()}
