@@ -1,1 +1,1 @@
-"""The sensors that come with thzcl, one file each, on the same hook as anybody's."""
+"""The sensors that come with thzcl, one file each, on the hook that any plugin uses."""

@@ -1,4 +1,4 @@
-"""The active imager: echoes of a transmitter, in decibels over the floor."""
+"""The active imager, which records the echoes of a transmitter in decibels over its floor."""
 
 from __future__ import annotations
 
@@ -24,18 +24,20 @@ from thzcl.sensor import (
 class Active(Sensor):
     """An active imager with a narrow-band source and a dynamic range.
 
-    It records P = P0 R T_out T_back: the power of the source, the reflectivity of what a pixel
-    shows, and the transmission of the air on the way out and back, through the same turbulent air.
-    Emission is left out: a milliwatt in one mode is as bright as a body of 1e18 K. What it shows is
-    decibels over its floor, so many decibels below 1 mW (or `full_scale_w`) as its dynamic range
-    says; pixels below it are at 0 dB, and flagged in `below_floor`. O'Brien and Tofsted, figures 8
-    and 9.
+    It records P = P0 R T_out T_back: P0 is the power of the source, R the reflectivity of what a
+    pixel shows, T_out and T_back the transmission of the turbulent air on the way out and back.
+    Emission is left out, since a milliwatt in one mode is as bright as a body of 1e18 K. The image
+    is in decibels over the floor, which lies `dynamic_range_db` below 1 mW (or `full_scale_w`).
+    Pixels below the floor are at 0 dB, and flagged in `below_floor`. Such an imager made figures 8
+    and 9 of O'Brien and Tofsted.
 
-    "monostatic": out and back through the same voxels, exp(-2 tau), pixel by pixel. "bistatic": out
-    from `transmitter_m`, and what is not lit from there, or lies in shadow, sends nothing back.
-    With `spreading = "lambert"` surfaces scatter evenly, and an aperture at distance r collects R
-    cos A / (pi r^2). `speckle_looks` averages of coherent light scattered by rough surfaces leave a
-    contrast of 1 / sqrt(looks).
+    If it is "monostatic", light goes out and back through the same voxels, so that each pixel is
+    attenuated by exp(-2 tau). If it is "bistatic", light goes out from `transmitter_m`, and
+    surfaces that face away from there or lie in shadow send nothing back. With
+    `spreading = "lambert"` surfaces scatter evenly, and an aperture of area A at distance r
+    collects R cos A / (pi r^2), cos being the cosine between ray and surface normal. Coherent light
+    from rough surfaces makes speckle; an average of `speckle_looks` looks leaves a contrast of
+    1 / sqrt(looks).
     """
 
     name = "active"
@@ -72,7 +74,7 @@ class Active(Sensor):
         )
 
         def troubles(self) -> list[Any]:
-            """Keys that belong together."""
+            """Returns what is wrong with keys that belong together."""
             found = []
             if (self.arrangement == "bistatic") != (self.transmitter_m is not None):
                 found.append(
@@ -85,7 +87,7 @@ class Active(Sensor):
             return found
 
     def needs(self, view: View) -> Needs:  # noqa: ARG002 (the contract's)
-        """Echoes at one frequency, as far as the dynamic range reaches, and a little farther."""
+        """Returns the need for echoes at one frequency, to a little below the floor."""
         p = self.params
         return Needs(
             frequency_hz=[p.frequency_ghz * 1e9],
@@ -98,17 +100,17 @@ class Active(Sensor):
         )
 
     def _range_db(self) -> float:
-        """From the source's power to the floor."""
+        """Returns the range from the source's power down to the floor, dB."""
         p = self.params
         return float(
             max(p.dynamic_range_db + 10 * np.log10(p.source_power_w / p.full_scale_w), 0.0)
         )
 
     def observe(self, sight: Echoes, rng: np.random.Generator) -> Image:
-        """Decibels over the floor, with the power in W."""
+        """Returns the image in decibels over the floor, with the received power in W."""
         p = self.params
         power = p.source_power_w * np.asarray(sight.returned[0], dtype=np.float64)
-        if p.spreading == "lambert":  # what comes back to an area, of which the aperture has some
+        if p.spreading == "lambert":  # `returned` is per area; the aperture has this one
             power *= np.pi / 4 * p.aperture_m**2
         if p.speckle_looks is not None:
             power *= rng.gamma(p.speckle_looks, 1 / p.speckle_looks, power.shape)
@@ -133,5 +135,5 @@ class Active(Sensor):
 
 @hookimpl
 def register_sensors() -> list[type[Sensor]]:
-    """The sensor of this file."""
+    """Returns the sensor of this file."""
     return [Active]

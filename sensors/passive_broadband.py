@@ -1,4 +1,4 @@
-"""The passive broadband imager: power in a band, with the noise of its detector."""
+"""The passive broadband imager, which records power in a band with the noise of its detector."""
 
 from __future__ import annotations
 
@@ -27,21 +27,21 @@ class PassiveBroadband(Sensor):
     """A passive imager of one broad band, with the noise of its detector.
 
     It records the power that reaches each pixel's detector: the radiance, weighted by the band's
-    response, times a throughput. A single-mode detector has the throughput lambda^2 and one
-    polarisation, and sees P = k_B T dnu of a body of temperature T (in the Rayleigh-Jeans limit;
-    here Planck throughout). With `throughput = "geometric"` it is the area of the aperture times
-    the solid angle of a pixel, in both polarisations. The antenna temperature is the power over
-    that of a body of 1 K in the Rayleigh-Jeans limit.
+    response, times a throughput. A single-mode detector has the throughput lambda^2 and takes one
+    polarisation. In the Rayleigh-Jeans limit it would receive P = k_B T dnu from a body of
+    temperature T; Planck's law is used throughout. With `throughput = "geometric"` the throughput
+    is the area of the aperture times the solid angle of a pixel, in both polarisations. The antenna
+    temperature is the power divided by that from a body of 1 K in the Rayleigh-Jeans limit.
 
-    Noise is Gaussian, of standard deviation NEP sqrt(B): B is the frame rate, as O'Brien and
-    Tofsted have it (each pixel has a detector of its own, which integrates over a frame), or with
-    `noise_bandwidth = "scanned"` the frame rate times the number of pixels (one detector scans them
-    all).
+    Noise is Gaussian, of standard deviation NEP sqrt(B). B is the frame rate, as in O'Brien and
+    Tofsted, if each pixel has a detector of its own, which integrates over a frame. With
+    `noise_bandwidth = "scanned"` one detector scans all pixels, and B is the frame rate times their
+    number.
 
     `quadrature = "resolved"` finds frequencies adaptively until the lines within the band are
-    resolved, for every length of path in the scene; "paper" takes O'Brien and Tofsted's steps of 25
-    GHz: as the mean over the band's edges and the steps between them ("edges"), by the trapezoid
-    rule, or as mid-points of bins. The error of what was used is reported.
+    resolved, for every length of path in the scene. "paper" takes O'Brien and Tofsted's steps of 25
+    GHz: `paper_steps` says whether as the mean over the band's edges and the steps between them, by
+    the trapezoid rule, or at the middles of the steps. The error of the sum is reported.
     """
 
     name = "passive-broadband"
@@ -62,7 +62,8 @@ class PassiveBroadband(Sensor):
         )
         response: str = parameter(
             "flat",
-            help='"flat", "gaussian", or a CSV file of frequency in GHz and response, which then gives the band',
+            help='"flat", "gaussian", or a CSV file of frequency in GHz and response, '
+            "which then gives the band",
         )
         quadrature: Literal["resolved", "paper"] = parameter(
             "resolved", help="how the band is summed"
@@ -85,7 +86,7 @@ class PassiveBroadband(Sensor):
         optics: Optics | None = parameter(None, help="blur; leave the table out for none")
 
         def troubles(self) -> list[Any]:
-            """Keys that belong together."""
+            """Returns what is wrong with keys that belong together."""
             found = []
             if self.response in ("flat", "gaussian") and (
                 self.center_ghz is None or self.bandwidth_ghz is None
@@ -102,9 +103,9 @@ class PassiveBroadband(Sensor):
             return found
 
     def needs(self, view: View) -> Needs:
-        """The sums over the band that make up the power.
+        """Returns the need for the sum over the band that makes up the power.
 
-        The frequencies follow from the lines in it.
+        Its frequencies follow from the lines in the band, or are the paper's steps.
         """
         p = self.params
         band = self._band(view)
@@ -125,19 +126,23 @@ class PassiveBroadband(Sensor):
         )
 
     def _band(self, view: View) -> bands.Band:
+        """Returns the band with its response."""
         p = self.params
         if p.response in ("flat", "gaussian"):
             return bands.named(p.response, p.center_ghz * 1e9, p.bandwidth_ghz * 1e9)
         return bands.tabulated(view.table(p.response), p.response)
 
     def _mode(self, frequency_hz: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Throughput at each frequency, m2 sr, for one polarisation or both."""
+        """Returns the throughput at each frequency, m2 sr: lambda^2 / 2 for a single mode.
+
+        It is 1 for a geometric throughput, which does not depend on frequency.
+        """
         if self.params.throughput == "single-mode":
             return np.asarray((radiometry.LIGHT_SPEED / frequency_hz) ** 2 / 2)
         return np.ones(len(frequency_hz))
 
     def observe(self, sight: Radiances, rng: np.random.Generator) -> Image:
-        """Antenna temperature in K, with the power in W, and the noise both carry."""
+        """Returns the antenna temperature in K, with the power in W, both with noise."""
         p = self.params
         collected = self._collected(sight)
         power = collected.sum() * sight.radiance[0]
@@ -160,21 +165,22 @@ class PassiveBroadband(Sensor):
         )
 
     def _collected(self, sight: Radiances) -> NDArray[np.float64]:
-        """Weights that turn radiance at each node into power, m2 sr Hz."""
+        """Returns the weights, m2 sr Hz, that turn radiance at each node into power."""
         area = 1.0
         if self.params.throughput == "geometric":
             area = np.pi / 4 * self.params.aperture_m**2 * sight.pixel_solid_angle
         return np.asarray(np.asarray(sight.weights)[0] * area)
 
     def _shares(self, sight: Radiances) -> int:
+        """Returns the number of pixels that share one detector."""
         return sight.target.size if self.params.noise_bandwidth == "scanned" else 1
 
     def _facts(
         self, sight: Radiances, collected: NDArray[np.float64], sigma: float
     ) -> dict[str, tuple[float, str]]:
-        """Noise, and the temperature difference that equals it: at the sensor.
+        """Returns the noise, and the temperature difference that equals it (NEDT), K.
 
-        And at the targets behind their air.
+        The latter is given at the sensor, and for the targets behind the air in front of them.
         """
         if sigma == 0:
             return {}
@@ -192,5 +198,5 @@ class PassiveBroadband(Sensor):
 
 @hookimpl
 def register_sensors() -> list[type[Sensor]]:
-    """The sensor of this file."""
+    """Returns the sensor of this file."""
     return [PassiveBroadband]

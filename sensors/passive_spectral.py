@@ -1,4 +1,4 @@
-"""The passive spectral imager: brightness temperature at one frequency or several."""
+"""The passive spectral imager, which records brightness temperature at single frequencies."""
 
 from __future__ import annotations
 
@@ -21,10 +21,11 @@ from thzcl.sensor import (
 class PassiveSpectral(Sensor):
     """A noiseless passive imager of infinitely narrow bands.
 
-    It records the brightness temperature at each frequency, the spectral (single frequency) passive
-    mode of O'Brien and Tofsted: the temperature of the black body whose Planck radiance equals that
-    of the surface, attenuated, and of the air in front of it. With several frequencies the image is
-    their mean; the result file keeps each.
+    It records the brightness temperature at each frequency, as the passive, single-frequency mode
+    of O'Brien and Tofsted does. That is the temperature of the black body whose Planck radiance
+    equals what reaches the pixel: the attenuated radiance of a surface, and that of the air in
+    front of it. With several frequencies the image is the mean of their brightness temperatures;
+    the result file keeps each of them.
     """
 
     name = "passive-spectral"
@@ -37,12 +38,12 @@ class PassiveSpectral(Sensor):
         optics: Optics | None = parameter(None, help="blur; leave the table out for none")
 
     def needs(self, view: View) -> Needs:  # noqa: ARG002 (the contract's)
-        """The given frequencies."""
+        """Returns the need for the radiance at the frequencies of the parameters."""
         ascending = sorted({*np.atleast_1d(self.params.frequency_ghz)})
         return Needs(frequency_hz=np.array(ascending) * 1e9, optics=self.params.optics)
 
-    def observe(self, sight: Radiances, rng: np.random.Generator) -> Image:  # noqa: ARG002 (as above)
-        """Brightness temperature in kelvin, averaged over the frequencies."""
+    def observe(self, sight: Radiances, rng: np.random.Generator) -> Image:  # noqa: ARG002
+        """Returns the brightness temperature in kelvin, averaged over the frequencies."""
         return Image(
             sight.brightness_temperature.mean(axis=0), unit="K", quantity="brightness temperature"
         )
@@ -50,5 +51,5 @@ class PassiveSpectral(Sensor):
 
 @hookimpl
 def register_sensors() -> list[type[Sensor]]:
-    """The sensor of this file."""
+    """Returns the sensor of this file."""
     return [PassiveSpectral]

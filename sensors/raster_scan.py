@@ -1,7 +1,4 @@
-"""Scanning: any other sensor whose pixels are taken one after the other.
-
-While the wind moves the air.
-"""
+"""Scanning: another sensor's pixels are taken one after the other while wind moves the air."""
 
 from __future__ import annotations
 
@@ -16,11 +13,11 @@ from thzcl.sensor import Image, Needs, Parameters, Sensor, View, hookimpl, param
 class RasterScan(Sensor):
     """Another sensor, described in [sensor.detector], whose pixels are taken at times of their own.
 
-    Frozen air moves with the wind ([atmosphere.fluctuations] wind_m_s): at time t a ray starts from
-    -U t in the cube, exactly. With `timing = "raster"` the n-th pixel is taken at n dwell times,
-    row by row from the top left, or column by column, back and forth or always in one direction.
-    With "focal-plane" all are taken together, and the mean of `samples` instants spread over the
-    integration time is what is recorded.
+    Turbulence is frozen and moves with the wind U ([atmosphere.fluctuations] wind_m_s): at time t,
+    the start of a ray has moved by exactly -U t in the cube. With `timing = "raster"` pixel n is
+    taken at n dwell times, row by row from the top left, or column by column, back and forth or
+    always in one direction. With "focal-plane" all pixels are taken together, and the mean of
+    `samples` instants spread over the integration time is recorded.
     """
 
     name = "raster-scan"
@@ -49,7 +46,7 @@ class RasterScan(Sensor):
         )
 
         def troubles(self) -> list[Any]:
-            """Keys that belong together."""
+            """Returns what is wrong with keys that belong together."""
             if self.timing == "raster" and self.dwell_s is None:
                 return [self.trouble("timing", '"raster" needs dwell_s')]
             if self.timing == "focal-plane" and self.integration_time_s is None:
@@ -57,11 +54,11 @@ class RasterScan(Sensor):
             return []
 
     def needs(self, view: View) -> Needs:
-        """What the detector needs, at the times of the scan."""
+        """Returns what the detector needs, at the times of the scan."""
         return replace(self.detector.needs(view), times_s=self._times(*view.pixels))
 
     def _times(self, width: int, height: int) -> Any:
-        """When each pixel is taken, s, (sample, y, x)."""
+        """Returns when each pixel is taken, s, (sample, y, x)."""
         p = self.params
         if p.timing == "focal-plane":
             instants = (np.arange(p.samples) + 0.5) / p.samples * p.integration_time_s
@@ -75,11 +72,11 @@ class RasterScan(Sensor):
         return (number if p.order == "rows" else number.T)[None] * p.dwell_s
 
     def observe(self, sight: Any, rng: np.random.Generator) -> Image:
-        """What the detector records."""
+        """Returns the image that the detector records."""
         return self.detector.observe(sight, rng)
 
 
 @hookimpl
 def register_sensors() -> list[type[Sensor]]:
-    """The sensor of this file."""
+    """Returns the sensor of this file."""
     return [RasterScan]

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from copy import deepcopy
 
+import oracle
+
 from thzcl import pipeline
 from thzcl.scenario.text import dumps
 
@@ -35,12 +37,19 @@ PLAIN = {
     "sensor": {"kind": "passive-spectral", "frequency_ghz": 650.0},
 }
 
+ACTIVE = {"kind": "active", "frequency_ghz": 650.0, "dynamic_range_db": 100.0}
+BROAD = {"kind": "passive-broadband", "center_ghz": 650.0, "bandwidth_ghz": 100.0}
+MIRROR = {
+    "kind": "box",
+    "center_m": [41.0, 0.0, 1.2],
+    "size_m": [2.0, 40.0, 40.0],
+    "temperature_k": 300.0,
+    "reflectivity": 1.0,
+}
+
 
 def scene(**changes):
-    """PLAIN with dotted keys changed ("camera.pixels" as camera__pixels).
-
-    None removes a key or table.
-    """
+    """Returns PLAIN with keys changed ("camera.pixels" as camera__pixels); None removes one."""
     data = deepcopy(PLAIN)
     for name, value in changes.items():
         *tables, last = name.split("__")
@@ -54,13 +63,35 @@ def scene(**changes):
     return data
 
 
+def lens(data):
+    """Returns the oracle's camera of a scene."""
+    camera = data["camera"]
+    keys = ("position_m", "look_at_m", "focal_length_mm", "focal_plane_mm", "pixels")
+    return oracle.Camera(*(camera[key] for key in keys), camera.get("up", (0, 0, 1)))
+
+
 def write(folder, data, name="scene"):
-    """The data as TOML file."""
+    """Returns the path of a TOML file with the data."""
     file = folder / f"{name}.toml"
     file.write_text(dumps(data), encoding="utf-8")
     return file
 
 
 def run(folder, data, **options):
-    """The result of running the data."""
+    """Returns the result of running the data."""
     return pipeline.run(write(folder, data), **options)
+
+
+def facing(distance, **changes):
+    """Returns a scene of a wall across the line of sight, so far away, in uniform air."""
+    wall = MIRROR | {"center_m": [distance + 1.0, 0.0, 1.2]}
+    base = {
+        "camera__position_m": [0.0, 0.0, 1.2],
+        "camera__look_at_m": [40.0, 0.0, 1.2],
+        "camera__pixels": [3, 3],
+        "camera__focal_length_mm": 30000.0,
+        "atmosphere__fluctuations": None,
+        "ground": None,
+        "targets": {"wall": wall},
+    }
+    return scene(**(base | changes))

@@ -153,12 +153,21 @@ def test_a_command_is_held_to_imports_of_what_it_imports(tmp_path):
 
 
 def test_readme_shows_the_records():
-    """README's tables are made of tests/bench/record.json, and no one types a figure.
+    """The tables of tests/bench/README.md are made of the records, and no one types a figure.
 
     `python tests/bench --output tests/bench/record.json --readme` writes both.
     """
-    found = json.loads((ROOT / "tests" / "bench" / "record.json").read_text(encoding="utf-8"))
-    text = (ROOT / "README.md").read_text(encoding="utf-8")
-    assert readme.section(found) in text
-    assert readme.replaced(text, found) == text
-    assert readme.replaced(text, found | {"repeat": 99}) != text
+    found, cases = readme.recorded(), readme.stress_cases()
+    text = readme.PAGE.read_text(encoding="utf-8")
+    assert readme.section(found) in text and readme.extremes(cases) in text
+    assert readme.replaced(text, found, cases) == text
+    assert readme.replaced(text, found | {"repeat": 99}, cases) != text
+    assert readme.replaced(text, found, cases[1:]) != text
+
+
+def test_readme_names_what_fails():
+    cases = readme.stress_cases()
+    wrong = [cases[0] | {"passed": "False"}, *cases[1:]]
+    assert f"{len(cases) - 1} of {len(cases)} pass; **these fail: {cases[0]['name']}**" in (
+        readme.extremes(wrong)
+    )

@@ -64,6 +64,7 @@ def true_rms_k(data, result):
     return float(np.sqrt((error**2).mean()) / radiometry.planck_slope(HZ, 290.0))
 
 
+@pytest.mark.slow
 def test_the_budget_is_honest(tmp_path):
     """Over 50 random scenes: the true error at most twice the reported in 46.
 
@@ -123,6 +124,21 @@ def test_active_sensors_have_a_budget_of_echoes(tmp_path):
     found = run(tmp_path, scene(sensor=active)).error_budget
     assert found["surrogate"]["unit"] == "of the power sent"
     assert 0 < found["total"]["relative"] < 1e-6
+
+
+@pytest.mark.parametrize("place", [{}, {"transmitter_m": [0.0, 5.0, 4.0]}])
+def test_echoes_through_warm_air_know_what_the_cut_off_costs(tmp_path, place):
+    """It ends rays out and back through the same air, and on either of two ways."""
+    arrangement = "bistatic" if place else "monostatic"
+    active = {"kind": "active", "frequency_ghz": 650.0, "dynamic_range_db": 80.0}
+    data = scene(
+        sensor=active | {"arrangement": arrangement} | place,
+        atmosphere__fluctuations__temperature_sigma_k=1.0,
+        numerics={"cutoff_depth": 0.8},
+    )
+    found = run(tmp_path, data).error_budget
+    assert found["cut-off"]["relative"] > 1e-2
+    assert found["total"]["rms"] == pytest.approx(found["cut-off"]["rms"], rel=1e-3)
 
 
 def test_fluctuating_temperature_has_a_budget(tmp_path):

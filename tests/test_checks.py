@@ -8,9 +8,8 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-import oracle
 import pytest
-from scenes import run, scene
+from scenes import lens, run, scene
 
 from thzcl.errors import NumbersError
 from thzcl.sensing.pixels import PixelsSpec
@@ -38,18 +37,10 @@ def test_a_number_that_is_none_ends_the_run(tmp_path, monkeypatch, value, sensor
         NumbersError, match="2 pixels are not finite numbers; the first is row 7, column 3"
     ) as caught:
         run(tmp_path, data)
-    camera = data["camera"]
-    lens = oracle.Camera(
-        camera["position_m"],
-        camera["look_at_m"],
-        camera["focal_length_mm"],
-        camera["focal_plane_mm"],
-        camera["pixels"],
-    )
     told = np.array(
         [float(number) for number in str(caught.value).split("along (")[1].split(")")[0].split(",")]
     )
-    assert told / np.linalg.norm(told) == pytest.approx(lens.ray(7, 3), abs=1e-5)
+    assert told / np.linalg.norm(told) == pytest.approx(lens(data).ray(7, 3), abs=1e-5)
     kept = caught.value.result
     assert kept.variants[0].image is None
     assert kept.save(tmp_path / "kept.nc").stat().st_size > 0

@@ -186,6 +186,7 @@ def test_bench_where_emission_is_carried_along_the_path(thzcl_json):
     assert set(stages["shading"]) == {"name", "seconds"}
 
 
+@pytest.mark.slow
 def test_an_interrupted_bench_exits_130(tmp_path):
     command = [sys.executable, "-m", "thzcl", "bench", "--repeat", "10000"]
     environment = os.environ | {"PYTHONPATH": str(ROOT)}

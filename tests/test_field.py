@@ -12,9 +12,9 @@ import numpy as np
 import oracle
 import pytest
 
-from thzcl.turbulence.spectra import Turbulence
 from thzcl.turbulence import cube as field
 from thzcl.turbulence import spectra as turbulence
+from thzcl.turbulence.spectra import Turbulence
 
 PLAIN = Turbulence(
     grid=64, voxel_m=0.5, seed=7, outer_scale_m=None, sigma=0.2, exact=True, lognormal=False,
@@ -108,10 +108,11 @@ def test_the_sum_of_psi_is_the_variance():
         assert turbulence.variance(n, 0.3, outer) == pytest.approx(total, rel=1e-4)
 
 
+@pytest.mark.slow
 def test_structure_function_and_slope_of_the_discrete_field(device):
-    """D(r) / (C^2 r^(2/3)) and the line spectrum's slope are the discrete field's own (PHYSICS 2), not 1 and -5/3.
+    """D(r) / (C^2 r^(2/3)) and the line spectrum's slope are a discrete field's, not 1 and -5/3.
 
-    On a periodic cube of 128 voxels, averaged over seeds and axes.
+    They are averages over seeds and axes of a periodic cube of 128 voxels (PHYSICS 2).
     """
     expected = {1: 0.48, 2: 0.68, 4: 0.79, 8: 0.85, 16: 0.87, 32: 0.83, 64: 0.65}
     unit = turbulence.variance(128, 0.5, None)

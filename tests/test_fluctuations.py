@@ -21,10 +21,12 @@ from thzcl.records import analysis, record
 from thzcl.records.study import study
 
 KEYS = (
-    "samples", "rate_hz", "duration_s", "gaps", "spikes", "wind_speed_m_s", "mean_g_m3", "sigma_g_m3", "sigma_percent", "slope",
-    "slope_uncertainty", "inertial_range_cycles_per_m", "structure_constant_q", "structure_constant_q_from_structure_function",
-    "structure_constant_t", "correlation_tq", "integral_scale_m", "outer_scale_m",
-)  # fmt: skip
+    *("samples", "rate_hz", "duration_s", "gaps", "spikes", "wind_speed_m_s"),
+    *("mean_g_m3", "sigma_g_m3", "sigma_percent", "slope", "slope_uncertainty"),
+    *("inertial_range_cycles_per_m", "structure_constant_q"),
+    *("structure_constant_q_from_structure_function", "structure_constant_t"),
+    *("correlation_tq", "integral_scale_m", "outer_scale_m"),
+)
 DESPIKED = 2e-3  # relative: four samples of 18000 are spikes, and left out
 BINNED = (
     0.03  # relative: the likelihood of each value against that of bins, which the range's ends cut
@@ -60,9 +62,10 @@ def test_moments_and_wind_of_the_shipped_record(shipped, plain):
 
 
 def independent(shipped, signal):
-    """C^2 and slope from SciPy's periodogram in the inertial range found; two-sided in radians, F = 0.1244 C^2 k^(-5/3).
+    """Returns C^2 and slope from SciPy's periodogram in the inertial range that was found.
 
-    C^2 and a floor of noise maximise Whittle's likelihood of the periodogram's own values, without any bins.
+    Two-sided in radians, F = 0.1244 C^2 k^(-5/3). C^2 and a floor of noise maximise Whittle's
+    likelihood of the periodogram's own values, without any bins.
     """
     frequency, density = scipy.signal.periodogram(signal, 20.0, window="hann", detrend="linear")
     speed = shipped["wind_speed_m_s"]
@@ -144,6 +147,7 @@ def test_the_command_prints_what_was_found(thzcl_command, thzcl_json):
     )
 
 
+@pytest.mark.slow
 def test_known_structure_constants_are_recovered(tmp_path):
     """With noise, 1 % gaps and 0.1 % spikes: within 20 % for each seed, within 5 % in their mean.
 
@@ -166,6 +170,7 @@ def test_known_structure_constants_are_recovered(tmp_path):
     assert abs(ratio[:, 0].mean() - 1) < 0.05
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "hard",
     [{"noise": 0.2}, {"outer_m": 30.0, "wind": 10.0}, {"outer_m": 30.0, "noise": 0.1, "wind": 5.0}],
@@ -225,8 +230,10 @@ def test_repeats_disorder_and_units(tmp_path):
 def test_a_licor_archive(tmp_path, shipped):
     """The .data part of a GHG archive: DATAH, tabs, seconds and nanoseconds apart."""
     plain = np.genfromtxt(RECORD, delimiter=",", skip_header=4, usecols=(2, 3, 4, 6, 7, 8))
-    names = "DATAH\tSeconds\tNanoseconds\tH2O (mmol/m^3)\tAux 1 - U (m/s)\tAux 2 - V (m/s)\tAux 3 - W (m/s)\tAux 4 - Ts (C)"
-    text = [f"Model:\tLI-7500A\nSN:\t75H-1\n{names}\tPressure (kPa)\n"]
+    names = ("DATAH", "Seconds", "Nanoseconds", "H2O (mmol/m^3)", "Aux 1 - U (m/s)")
+    names += ("Aux 2 - V (m/s)", "Aux 3 - W (m/s)", "Aux 4 - Ts (C)", "Pressure (kPa)")
+    header = "\t".join(names)
+    text = [f"Model:\tLI-7500A\nSN:\t75H-1\n{header}\n"]
     for at, (x, y, z, grams, celsius, kilopascal) in enumerate(plain):
         seconds, ticks = divmod(at, 20)
         values = (

@@ -16,6 +16,7 @@ from scenes import scene, write
 from thzcl.__main__ import main
 
 COMMAND = f"{sys.executable} -m thzcl"
+pytestmark = pytest.mark.slow  # nearly all start processes
 
 
 def shell(line, folder, **environment):

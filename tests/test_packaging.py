@@ -12,6 +12,7 @@ from conftest import ROOT
 
 MAPPED = ("kernels", "sensors", "scenarios")  # folders beside the package, installed within it
 INSTALLED = {".py", ".typed", ".csv", ".cl", ".in", ".toml"}
+pytestmark = pytest.mark.slow
 
 
 @pytest.fixture(scope="module")

@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 import oracle
 import pytest
-from scenes import run, scene
+from scenes import lens, run, scene
 from test_trace import expected
 
 from thzcl.air import radiometry
@@ -150,17 +150,12 @@ def test_fluctuating_temperature_emits_along_the_path(tmp_path, precision, ghz):
     )
     result = run(tmp_path, data)
     sight, cube = result.variants[0].radiances, result.cubes[0]
-    lens = oracle.Camera(
-        *(
-            data["camera"][k]
-            for k in ("position_m", "look_at_m", "focal_length_mm", "focal_plane_mm", "pixels")
-        )
-    )
+    camera = lens(data)
     origin, rotation = np.array(data["camera"]["position_m"]), ROTATIONS["oblique"]
     for number, hz in enumerate(sight.frequency_hz):
         for row, column in np.ndindex(5, 6):
             far = float(sight.path_length[row, column])
-            ray = origin, lens.ray(row, column), far, cube.voxel_m, rotation
+            ray = origin, camera.ray(row, column), far, cube.voxel_m, rotation
             grams, metres = oracle.path(cube.absolute_humidity_g_m3.astype(float), *ray)
             kelvin, _ = oracle.path(cube.air_temperature_k, *ray)
             k = oracle.absorption_per_m(hz, kelvin, 1013.25, grams)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import oracle
 import pytest
-from scenes import run, scene
+from scenes import lens, run, scene
 
 from thzcl.turbulence.orientation import ROTATIONS
 
@@ -56,12 +56,7 @@ def test_each_pixel_sees_the_air_of_its_own_time(tmp_path, order, back_and_forth
     )
     result = run(tmp_path, data)
     sight, cube = result.variants[0].radiances, result.cubes[0]
-    lens = oracle.Camera(
-        *(
-            data["camera"][k]
-            for k in ("position_m", "look_at_m", "focal_length_mm", "focal_plane_mm", "pixels")
-        )
-    )
+    camera = lens(data)
     for row, column in np.ndindex(5, 6):
         line, place, along = (row, column, 6) if order == "rows" else (column, row, 5)
         number = line * along + (along - 1 - place if back_and_forth and line % 2 else place)
@@ -70,7 +65,7 @@ def test_each_pixel_sees_the_air_of_its_own_time(tmp_path, order, back_and_forth
         grams, metres = oracle.path(
             cube.absolute_humidity_g_m3,
             start,
-            lens.ray(row, column),
+            camera.ray(row, column),
             far,
             cube.voxel_m,
             ROTATIONS[orientation],
@@ -80,7 +75,7 @@ def test_each_pixel_sees_the_air_of_its_own_time(tmp_path, order, back_and_forth
 
 
 def test_reversed_order_and_reversed_wind_is_the_forward_image(tmp_path):
-    """Where the whole scan moves the air by a whole number of periods along a cube's axis (PHYSICS 6)."""
+    """The whole scan moves the air by a whole number of periods along a cube's axis (PHYSICS 6)."""
     pixels, period = 16 * 12, 32 * 0.7
     wind = 3 * period / ((pixels - 1) * 0.01)
     changes = {"atmosphere__fluctuations__grid_orientation": "aligned"}

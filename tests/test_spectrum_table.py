@@ -72,8 +72,8 @@ def test_what_scatters_is_never_negative_and_integrates_back():
 def cube(device, path, **fluctuations):
     base = {"voxel_m": 0.5, "grid": 32, "seed": 3}
     plan = pipeline.prepare(write(path, scene(atmosphere__fluctuations=base | fluctuations)))
-    planned = plan.variants[0].field
-    return field.generate(device, planned.source, "float32").delta.host(), planned.source
+    source = plan.variants[0].cube.turbulence
+    return field.generate(device, source, "float32").delta.host(), source
 
 
 def test_a_table_of_kolmogorovs_spectrum_makes_the_same_cube(device, tmp_path):

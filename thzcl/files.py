@@ -1,4 +1,4 @@
-"""Files from outside, opened through one door, and files that are written whole or not at all."""
+"""Opens files from outside with one set of checks, and writes files whole or not at all."""
 
 from __future__ import annotations
 
@@ -32,11 +32,11 @@ _NOT_REGULAR = (
 
 @dataclass(frozen=True)
 class Kind:
-    """A kind of file from outside: the most bytes that it may have, and what messages advise."""
+    """A kind of file from outside: its largest size in bytes, and the advice of messages."""
 
     most_bytes: int
-    give: str  # in place of a file that is no such thing
-    if_missing: str = _IN_FOLDER
+    give: str  # advice for a file of another kind
+    if_missing: str = _IN_FOLDER  # advice for a file that does not exist
 
 
 SCENE = Kind(4_000_000, "give a TOML file", "check the name")
@@ -47,24 +47,24 @@ TABLE = Kind(64_000_000, "give comma-separated numbers")
 
 
 def open_regular(path: Path, kind: Kind) -> io.BufferedReader:
-    """Opens a regular file of bounded size for reading.
+    """Returns a regular file of bounded size, opened for reading.
 
-    Raises FileError for a file that is missing, too large or not to be read, and for a folder,
-    a pipe, a socket, a device and a link to itself, without waiting for any of them.
+    Raises FileError for a file that is missing, too large or not readable, and for a folder, a
+    pipe, a socket, a device and a link to itself. It waits for none of them.
     """
     try:
-        _check(path, kind, path.stat())  # before it is opened: a pipe would wait for its writer
+        _check(path, kind, path.stat())  # before it is opened: a pipe waits for its writer
         return path.open("rb")
     except OSError as error:
         raise _unreadable(path, kind, error) from None
     except FileError:
         raise
-    except ValueError as error:  # a NUL, or letters that the file system has not
+    except ValueError as error:  # a NUL, or letters that the file system does not know
         raise FileError(f"{str(path)!r}: no file can have this name ({error}); mend it") from None
 
 
 def read_bytes(path: Path, kind: Kind) -> bytes:
-    """Returns what a regular file of bounded size holds. Raises FileError."""
+    """Returns the bytes of a regular file. Raises FileError as open_regular does."""
     with open_regular(path, kind) as file:
         try:
             data = file.read(kind.most_bytes + 1) or b""
@@ -75,7 +75,7 @@ def read_bytes(path: Path, kind: Kind) -> bytes:
 
 
 def digest(path: Path, kind: Kind) -> str:
-    """Returns the SHA-256 of a file's bytes, in hexadecimal. Raises FileError."""
+    """Returns a file's SHA-256 in hexadecimal. Raises FileError as open_regular does."""
     with open_regular(path, kind) as file:
         try:
             return hashlib.file_digest(file, "sha256").hexdigest()
@@ -86,7 +86,7 @@ def digest(path: Path, kind: Kind) -> str:
 def read_text(path: Path, kind: Kind) -> str:
     r"""Returns the text of a UTF-8 file, with lines that end in \n and without a byte-order mark.
 
-    Raises FileError.
+    Raises FileError as open_regular does, and for a file that is not UTF-8.
     """
     data = read_bytes(path, kind)
     try:
@@ -97,9 +97,10 @@ def read_text(path: Path, kind: Kind) -> str:
 
 @contextmanager
 def open_netcdf(path: Path, kind: Kind) -> Iterator[h5py.File]:
-    """Opens a NetCDF-4 file for reading; only reading should be done within the context.
+    """Opens a NetCDF-4 file for reading; the context should do nothing but read it.
 
-    Raises FileError, also for whatever the HDF5 library raises while the file is read.
+    Raises FileError for a file that cannot be opened. Errors of the HDF5 library, and other errors
+    while the context reads the file, become a FileError too.
     """
     import h5py
 
@@ -120,7 +121,7 @@ def open_netcdf(path: Path, kind: Kind) -> Iterator[h5py.File]:
 
 
 def _check(path: Path, kind: Kind, found: os.stat_result) -> None:
-    """Raises FileError for what is not a regular file of bounded size."""
+    """Raises FileError for anything but a regular file of bounded size."""
     if not stat.S_ISREG(found.st_mode):
         what = next((name for test, name in _NOT_REGULAR if test(found.st_mode)), "no file")
         raise FileError(f"{path}: cannot be read: {what}, not a regular file; {kind.give}")
@@ -128,6 +129,7 @@ def _check(path: Path, kind: Kind, found: os.stat_result) -> None:
 
 
 def _check_size(path: Path, kind: Kind, size: int) -> None:
+    """Raises FileError for a size, in bytes, above the largest of its kind."""
     if size > kind.most_bytes:
         raise FileError(
             f"{path}: {size / 1e6:.6g} MB, larger than {kind.most_bytes / 1e6:g} MB; give less"
@@ -135,15 +137,16 @@ def _check_size(path: Path, kind: Kind, size: int) -> None:
 
 
 def _unreadable(path: Path, kind: Kind, error: OSError) -> FileError:
+    """Returns the error for a file that the operating system cannot read, with a remedy."""
     remedy = kind.if_missing if error.errno == errno.ENOENT else advice(error)
     return FileError(f"{path}: cannot be read: {error.strerror or error}; {remedy}")
 
 
 def read_table(path: Path) -> NDArray[np.float64]:
-    """Returns the numbers of a CSV file, (row, column), all finite.
+    """Returns the numbers of a CSV file, (row, column), all of them finite.
 
-    Empty lines and lines that start with "#" are passed over, and so is a line of names at the
-    top. Raises FileError naming the line that is not like the others.
+    Empty lines, lines that start with "#" and one line of names at the top are skipped. Raises
+    FileError as open_regular does, and for the first line that is unlike the others.
     """
     import numpy as np
 
@@ -176,17 +179,17 @@ def read_table(path: Path) -> NDArray[np.float64]:
 
 
 def _numbers(line: str) -> list[float] | None:
-    """Returns the numbers of a line, or None if it holds anything else."""
+    """Returns the numbers of a line, or None if it contains anything else."""
     try:
-        return [float(cell) for cell in line.split(",")]
+        return [float(number) for number in line.split(",")]
     except ValueError:
         return None
 
 
 def inside(folder: Path, name: str, *, allow_outside: bool) -> Path:
-    """Returns the path of the file of that name, seen from a folder.
+    """Returns the path of a file, `name` being relative to a folder.
 
-    Raises FileError if it leads out of the folder, unless that is allowed.
+    Raises FileError if the path leads out of the folder, unless `allow_outside` is true.
     """
     path = folder / name
     try:
@@ -201,9 +204,9 @@ def inside(folder: Path, name: str, *, allow_outside: bool) -> Path:
 
 
 def make_folder(folder: Path) -> None:
-    """Makes sure that files can be written to a folder, before work is spent on them.
+    """Makes a folder if there is none, and checks that files can be written to it.
 
-    Raises OSError.
+    Raises OSError if that fails.
     """
     folder.mkdir(parents=True, exist_ok=True)
     with _named(folder), NamedTemporaryFile(dir=folder, prefix=".thzcl."):
@@ -211,9 +214,10 @@ def make_folder(folder: Path) -> None:
 
 
 def write_whole(path: Path, write: Callable[[Path], object]) -> None:
-    """Has `write` fill a temporary file beside `path`, which takes its place only when whole.
+    """Calls `write` with a temporary file beside `path`, which replaces `path` when it is whole.
 
-    Raises OSError.
+    If `write` raises an error or is interrupted, `path` stays as it was. Raises OSError if the file
+    cannot be written.
     """
     with (
         _named(path),
@@ -236,20 +240,21 @@ def write_whole(path: Path, write: Callable[[Path], object]) -> None:
 
 @contextmanager
 def _named(path: Path) -> Iterator[None]:
-    """Has errors of the operating system name the path that the user knows, not a temporary one."""
+    """Makes errors of the operating system name the user's path, not that of a temporary file."""
     try:
         yield
     except OSError as error:
-        if error.errno is not None:  # else its text is all that it has
+        if error.errno is not None:  # otherwise it has no fields but its text
             error.filename, error.filename2 = str(path), None
         raise
 
 
 class Patient(io.RawIOBase):
-    """A new file for HDF5, which ends the process where a disk is full unless errors wait.
+    """A new file for HDF5, which delays errors until it is closed.
 
-    The first error, an interrupt included, is kept until close() raises it. After it nothing more
-    is written, and what is read back is not to be believed.
+    The HDF5 library ends the process if an error, such as that of a full disk, is raised while it
+    writes. Here the first error, an interrupt included, is stored until close() raises it. After an
+    error nothing more is written, and what is read back is not valid.
     """
 
     def __init__(self, path: Path) -> None:
@@ -257,41 +262,42 @@ class Patient(io.RawIOBase):
         self._error: BaseException | None = None
 
     def write(self, data: Any) -> int:
-        """Writes all bytes, and returns how many there are."""
+        """Writes all bytes, and returns their number."""
         self._try(lambda: self._file.write(data))
         return memoryview(data).nbytes
 
     def readinto(self, buffer: Any) -> int:
-        """Reads what was written into a buffer, and returns the number of bytes."""
+        """Reads from the file into a buffer, and returns the number of bytes."""
         return self._try(lambda: self._file.readinto(buffer)) or 0
 
     def seek(self, offset: int, whence: int = os.SEEK_SET) -> int:
-        """Moves to a place in the file, and returns it."""
+        """Moves to a position in the file, and returns it."""
         return self._try(lambda: self._file.seek(offset, whence)) or 0
 
     def truncate(self, size: int | None = None) -> int:
-        """Makes the file shorter or longer, and returns its size."""
+        """Changes the file's size, and returns it."""
         return self._try(lambda: self._file.truncate(size)) or 0
 
     def flush(self) -> None:
-        """Hands what was written over to the system."""
+        """Passes buffered bytes on to the operating system."""
         if not self.closed:
             self._try(self._file.flush)
 
     def close(self) -> None:
-        """Closes the file, and raises the first error that came."""
+        """Closes the file, and raises the first error that has occurred, if any."""
         if self.closed:
             return
         self.flush()
         super().close()
         try:
             self._file.close()
-        except OSError as error:  # as full as before, or what is only told at the end
+        except OSError as error:  # the disk is still full, or the system reports it only now
             self._error = self._error or error
         if self._error is not None:
             raise self._error
 
     def _try(self, work: Callable[[], int | None]) -> int | None:
+        """Returns what `work` returns, or None once an error has occurred."""
         if self._error is None:
             try:
                 return work()

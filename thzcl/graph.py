@@ -1,7 +1,7 @@
-"""The graph of specs: small frozen pieces of work, equal ones of which are computed once.
+"""The graph of specs, small frozen descriptions of work: equal specs are computed once.
 
-A spec says what is to be computed, and nothing of how its inputs came to be. Whatever differs from
-a graph (a variant, a realisation of the air, a knob) is another graph, made by `rewrite`.
+A spec describes what is computed from its inputs, which are specs too. A variant, a realisation of
+the air or another setting is another graph, which `rewrite` makes from a given one.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from itertools import chain, pairwise
-from typing import Any, ClassVar, NamedTuple, TypeVar, dataclass_transform
+from typing import Any, ClassVar, NamedTuple, Protocol, TypeVar, cast, dataclass_transform
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
@@ -23,7 +23,7 @@ _HASH = "_hash"
 
 @dataclass(frozen=True)
 class Values:
-    """An array that never changes: it compares and hashes by its bytes, and can be pickled."""
+    """An array that cannot change; it is compared and hashed by its bytes, and can be pickled."""
 
     data: bytes
     dtype: str
@@ -31,31 +31,38 @@ class Values:
 
     @classmethod
     def of(cls, array: Any, dtype: DTypeLike = np.float64) -> Values:
-        """Returns a copy of an array."""
+        """Returns the values of an array or a sequence, converted to a type."""
         array = np.ascontiguousarray(array, dtype)
         return cls(array.tobytes(), array.dtype.str, array.shape)
 
     @property
     def array(self) -> NDArray[Any]:
-        """Returns the array, read-only."""
+        """Returns the values as an array that is read-only."""
         return np.frombuffer(self.data, self.dtype).reshape(self.shape)
 
 
 class LeftOut(NamedTuple):
-    """A stage that a spec does not need, and why."""
+    """A stage of the computation that a spec does not need, and the reason."""
 
     reason: str
 
 
 class Work(NamedTuple):
-    """A stage that a spec does: what it makes, to be counted, and more words on it."""
+    """A stage of the computation that a spec carries out.
+
+    `noun` names what the spec makes, to be counted in the plan, and is empty if nothing is counted;
+    `detail` holds more words.
+    """
 
     noun: str
     detail: str = ""
 
 
 class Memory(NamedTuple):
-    """Bytes of arrays: those that make up a spec's value, and those that it needs while it runs."""
+    """The bytes of a spec's arrays, one number for each array.
+
+    `held` are the arrays that make up its value, `scratch` those that exist only while it runs.
+    """
 
     held: tuple[int, ...] = ()
     scratch: tuple[int, ...] = ()
@@ -63,15 +70,15 @@ class Memory(NamedTuple):
 
 @dataclass_transform(frozen_default=True)
 def frozen(kind: Kind) -> Kind:
-    """Makes a class a frozen dataclass that computes its hash once, and does not pickle it.
+    """Returns a class as a frozen dataclass that computes its hash once, and does not pickle it.
 
-    Without a kept hash, a graph of n diamonds would be hashed 2^n times; strings hash otherwise in
-    another process.
+    If the hash were not stored, a graph of n diamonds would be hashed 2^n times. It is not pickled,
+    since strings have another hash in another process.
     """
     made: Any = dataclass(frozen=True)(kind)
     computed = made.__hash__
 
-    def kept(self: Any) -> int:
+    def stored_hash(self: Any) -> int:
         known = self.__dict__.get(_HASH)
         if known is None:
             known = self.__dict__[_HASH] = computed(self)
@@ -80,19 +87,20 @@ def frozen(kind: Kind) -> Kind:
     def state(self: Any) -> dict[str, Any]:
         return {name: getattr(self, name) for name in made.__dataclass_fields__}
 
-    made.__hash__, made.__getstate__ = kept, state
-    return made
+    made.__hash__, made.__getstate__ = stored_hash, state
+    return cast("Kind", made)
 
 
 class Spec:
-    """One piece of work. Subclasses are made by `frozen` and have a method run(device, **inputs).
+    """One piece of work. Its subclasses are made by `frozen`, and have run(device, **inputs).
 
-    `reads` names the fields that are specs, tuples of specs, or None. run() gets their values by
-    the same names: a tuple as an iterator, whose values are computed when they are asked for.
+    `reads` names the fields that are specs, tuples of specs, or None. Their values are passed to
+    run() by the same names. For a tuple of specs run() receives an iterator, which computes each
+    value when it is asked for.
     """
 
     reads: ClassVar[tuple[str, ...]] = ()
-    stage: ClassVar[str]  # to which the time of run() counts
+    stage: ClassVar[str]  # the stage that the time of run() is added to
     run: ClassVar[Callable[..., Any]]
 
     def inputs(self) -> list[Spec]:
@@ -102,22 +110,32 @@ class Spec:
         return [spec for specs in some for spec in specs if spec is not None]
 
     def describe(self) -> dict[str, Work | LeftOut]:
-        """Returns by stage what this spec does, or why it needs none."""
+        """Returns, by stage, what this spec does there or why it does not need that stage."""
         return {}
 
     def memory(self) -> Memory:
-        """Returns the memory that this spec needs."""
+        """Returns the sizes of the arrays that this spec needs."""
         return Memory()
 
     def segments(self) -> float:
-        """Returns about how many voxels this spec's rays cross over positive length."""
+        """Returns about how many segments of positive length its rays have in voxels."""
         return 0.0
+
+
+class Finishing(Protocol):
+    """A device that can wait for its work; thzcl.device.opencl.Device is one."""
+
+    def finish(self) -> None:
+        """Waits until all work has been done."""
 
 
 def everything(
     wanted: Iterable[Spec], known: Iterable[Spec] = (), specs: dict[Spec, None] | None = None
 ) -> dict[Spec, None]:
-    """Returns the distinct specs of a graph, inputs first; nothing below a known one."""
+    """Returns the distinct specs of a graph, inputs first, added to `specs`.
+
+    Specs in `known` are left out, and so is what only they read.
+    """
     specs = {} if specs is None else specs
     for spec in wanted:
         if spec not in specs and spec not in known:
@@ -127,11 +145,13 @@ def everything(
 
 
 def rewrite(wanted: Iterable[Any], change: Callable[[Any], Any]) -> tuple[Any, ...]:
-    """Returns a graph with `change` applied to each spec once, inputs first.
+    """Returns the wanted specs with `change` applied once to each spec of their graph.
 
-    Specs that were equal are one object afterwards, so that comparing and pickling stay cheap.
+    Inputs are changed before the specs that read them. Specs that were equal are one object
+    afterwards, so that comparing and pickling stay cheap.
     """
-    wanted, new = tuple(wanted), {None: None}
+    wanted = tuple(wanted)
+    new: dict[Spec | None, Any] = {None: None}
 
     def renewed(value: Any) -> Any:
         return tuple(new[one] for one in value) if isinstance(value, tuple) else new[value]
@@ -144,17 +164,20 @@ def rewrite(wanted: Iterable[Any], change: Callable[[Any], Any]) -> tuple[Any, .
 
 @dataclass
 class _Work:
-    """One batch at work. A class, since closures that call each other would keep the memo alive."""
+    """The evaluation of one batch.
 
-    device: Any
+    It is a class, since closures that call each other would keep the memo alive.
+    """
+
+    device: Finishing
     clock: Clock
     runs: Counter[str]
     memo: dict[Spec, Any]
-    later: dict[Spec, None]  # what the next batch reads too
-    readers: Counter[Spec] = field(default_factory=Counter)  # of this batch, still to come
+    later: dict[Spec, None]  # specs of the next batch
+    readers: Counter[Spec] = field(default_factory=Counter)  # reads of each spec still to come
 
     def value(self, spec: Spec) -> Any:
-        """Returns a value from the memo, or computes it."""
+        """Returns the value of a spec, which is computed if it is not in the memo."""
         if spec not in self.memo:
             inputs = {name: self._read(getattr(spec, name)) for name in spec.reads}
             with self.clock.stage(spec.stage):
@@ -165,7 +188,7 @@ class _Work:
         return self.memo[spec]
 
     def _read(self, spec: Any) -> Any:
-        """Returns an input's value, and drops it from the memo if nobody else will read it."""
+        """Returns the value of an input, and drops it from the memo after its last read."""
         if isinstance(spec, tuple):
             return map(self._read, spec)
         if spec is None:
@@ -179,15 +202,16 @@ class _Work:
 
 def evaluate(
     batches: Iterable[tuple[Spec, ...]],
-    device: Any,
+    device: Finishing,
     clock: Clock | None = None,
     runs: Counter[str] | None = None,
 ) -> Iterator[tuple[Any, ...]]:
     """Yields the values of each batch of specs; equal specs run once.
 
-    A value is dropped once neither its own batch nor the next one has a reader left for it, so
-    that batches (realisations, frames, members of a study) can come from a generator, one ahead.
-    `clock` is told what each stage takes, `runs` counts the specs of each class that ran.
+    A value is dropped once neither its own batch nor the next one will read it any more. Batches
+    (realisations, frames, members of a study) may therefore come from a generator, of which one
+    batch is read in advance. `clock` measures the time of each stage, and `runs` counts the specs
+    of each class that ran.
     """
     memo: dict[Spec, Any] = {}
     clock, runs = clock or Clock(), Counter() if runs is None else runs
@@ -195,16 +219,17 @@ def evaluate(
         work = _Work(device, clock, runs, memo, everything(following))
         for spec in everything(batch, memo):
             work.readers.update(spec.inputs())
-        work.readers.update(batch)  # whoever asked for the batch reads what is wanted
+        work.readers.update(batch)  # the caller reads the specs of the batch
         yield tuple(work.value(spec) for spec in batch)
         for spec in memo.keys() - work.later.keys():
             del memo[spec]
 
 
 def peak(wanted: Iterable[Spec]) -> tuple[int, int]:
-    """Returns bytes held at the peak of an evaluation, and those of the largest single array.
+    """Returns the bytes held at the peak of an evaluation, and those of the largest single array.
 
-    Follows evaluate(): inputs first, in the order of `wanted`, each value until its last reader.
+    As in evaluate(), inputs come first, in the order of `wanted`, and each value is held until its
+    last reader has run.
     """
     wanted = tuple(wanted)
     order = list(everything(wanted))

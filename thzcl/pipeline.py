@@ -1,4 +1,4 @@
-"""The whole story: from a scenario to its images."""
+"""The pipeline from a scenario to its images."""
 
 from __future__ import annotations
 
@@ -20,7 +20,8 @@ from thzcl.results.contents import Cube, VariantResult
 from thzcl.results.result import Result
 from thzcl.results.versions import versions
 from thzcl.scenario import document as documents
-from thzcl.sensing.image import Recorded
+from thzcl.sensing.image import Recorded, Sight
+from thzcl.sensor import Image
 from thzcl.turbulence.fields import SavedCube
 from thzcl.turbulence.orientation import ROTATIONS
 
@@ -35,9 +36,10 @@ def prepare(
     *,
     allow_outside: bool = False,
 ) -> Plan:
-    """Reads and checks a scenario and plans its run.
+    """Returns the plan of a scenario, which is read and checked.
 
-    Raises ScenarioError with every problem at once, or PluginFailure.
+    `source`, `settings`, `variants` and `allow_outside` are those of `run`. Raises ScenarioError
+    with every problem at once, or PluginFailure if a sensor fails.
     """
     document = documents.read(source, settings)
     parsed = documents.parse(document, variants, allow_outside=allow_outside)
@@ -56,14 +58,14 @@ def run(
     allow_outside: bool = False,
     progress: Progress | None = None,
 ) -> Result:
-    """Computes the images of a scenario: a TOML file, a result, or the name of a shipped scene.
+    """Returns the images of a scenario: a TOML file, a result, or the name of a shipped scene.
 
-    `settings` changes keys ({"targets.box.temperature_k": 300.0}), `variants` picks some by name,
-    `device` is a number, part of a name, or a device that thzcl.open_device has opened; `figure`
-    says whether a picture will be wanted; `allow_outside` lets pictures and tables lie outside the
-    scenario's folder. Nothing is written: see Result.save and Result.figure. Raises ScenarioError
-    for bad input, DeviceError without a usable device, PluginFailure and NumbersError if a sensor
-    fails.
+    `settings` changes keys ({"targets.box.temperature_k": 300.0}), `variants` picks some by name.
+    `device` is a number, a part of a name, or a device that thzcl.open_device has opened. `figure`
+    says whether a picture will be wanted, and `allow_outside` whether pictures and tables may lie
+    outside the scenario's folder. No file is written: see Result.save and Result.figure. Raises
+    ScenarioError for bad input, DeviceError without a usable device, PluginFailure and NumbersError
+    if a sensor fails.
     """
     clock = Clock(progress)
     with clock.stage("plan"):
@@ -77,29 +79,34 @@ def run(
 
 
 def compute_images(plan: Plan, device: Device, clock: Clock, *, figure: bool = False) -> Result:
-    """Returns the images of a plan, on an open device; `clock` is told what each stage takes.
+    """Returns the images of a plan, computed on an open device; `clock` measures the stages.
 
-    Raises ScenarioError if the device's memory is too small, and NumbersError if a sensor fails.
+    `figure` says whether a picture will be wanted. Raises ScenarioError if the device's memory is
+    too small, and NumbersError if a sensor fails.
     """
     checks.memory(plan, device)
     before = device.counters.segments
     batches = evaluate((plan.batch(n) for n in range(plan.realizations)), device, clock)
     first = [_Made.of(v, values) for v, values in _by_variant(plan, next(batches))]
     result = _result(plan, device, first, clock, figure)
-    recorded = [_checked(made.recorded, result) for made in first]
+    images = [_checked(made.recorded, result) for made in first]
     if plan.realizations > 1:
-        recorded = _mean(plan, recorded, batches, clock, result)
-    images = zip(plan.variants, recorded, strict=True)
+        images = _mean(plan, images, batches, clock, result)
+    pairs = zip(plan.variants, images, strict=True)
     return replace(
         result,
-        variants=tuple(VariantResult(v.name, one.sight, one.image) for v, one in images),
+        variants=tuple(VariantResult(v.name, *sight_and_image) for v, sight_and_image in pairs),
         voxel_segments=device.counters.segments - before,
     )
 
 
 @dataclass(frozen=True)
 class _Made:
-    """What a run made of one variant."""
+    """The values of one variant's specs.
+
+    `saved` is the cube to be stored, `notes` are warnings about it, `errors` the parts of the error
+    budget by name.
+    """
 
     recorded: Recorded
     expansion: Expansion
@@ -109,51 +116,55 @@ class _Made:
 
     @classmethod
     def of(cls, variant: PlannedVariant, values: Iterator[Any]) -> _Made:
-        """Sorts values of specs that are in the order of PlannedVariant.specs()."""
-        made = [None if spec is None else next(values) for spec in variant.specs()]
+        """Returns the next values, which come in the order of PlannedVariant.specs(), by field."""
+        made: list[Any] = [None if spec is None else next(values) for spec in variant.specs()]
         notes, saved, expansion, recorded, *errors = made
-        parts = {name: part for found in errors for name, part in found.items()}
+        parts = {name: part for parts in errors for name, part in parts.items()}
         return cls(recorded, expansion, saved, notes or (), parts)
 
 
 def _by_variant(
     plan: Plan, values: Iterable[Any]
 ) -> Iterator[tuple[PlannedVariant, Iterator[Any]]]:
-    """Yields each variant with an iterator that gives its own values next."""
+    """Yields each variant with an iterator whose next values are those of the variant's specs."""
     rest = iter(values)
     for variant in plan.variants:
         yield variant, rest
 
 
-def _checked(recorded: Recorded, so_far: Result) -> Recorded:
-    """Returns what was recorded. Raises NumbersError where there is no image."""
-    if recorded.failure is not None:
-        raise NumbersError(recorded.failure, so_far)
-    return recorded
+def _checked(recorded: Recorded, so_far: Result) -> tuple[Sight, Image]:
+    """Returns what reached the pixels, and the image. Raises NumbersError if there is no image."""
+    if recorded.image is None:
+        raise NumbersError(recorded.failure or "no image", so_far)
+    return recorded.sight, recorded.image
 
 
 def _mean(
     plan: Plan,
-    first: list[Recorded],
+    first: list[tuple[Sight, Image]],
     batches: Iterator[tuple[Any, ...]],
     clock: Clock,
     so_far: Result,
-) -> list[Recorded]:
-    """Returns the mean over independent realisations of the air, with variance and spread."""
+) -> list[tuple[Sight, Image]]:
+    """Returns each variant's mean over realisations of the air, with variance and spread.
+
+    `first` holds what reached the pixels in the first realisation, and the images.
+    """
     from thzcl.studies.ensemble import Ensemble
 
-    kept = [Ensemble() for _ in first]
+    ensembles = [Ensemble() for _ in first]
     for number in range(plan.realizations):
         clock.counted(number + 1, plan.realizations)
-        images = first if number == 0 else next(batches)
-        for ensemble, one in zip(kept, images, strict=True):
-            recorded = _checked(one, so_far)
-            ensemble.add(recorded.sight, recorded.image)
-    return [Recorded(*ensemble.mean(), None) for ensemble in kept]
+        images = first
+        if number > 0:
+            images = [_checked(recorded, so_far) for recorded in next(batches)]
+        for ensemble, (sight, image) in zip(ensembles, images, strict=True):
+            ensemble.add(sight, image)
+    return [ensemble.mean() for ensemble in ensembles]
 
 
 def _result(plan: Plan, device: Device, made: list[_Made], clock: Clock, figure: bool) -> Result:
-    """Returns everything but the images."""
+    """Returns the result without its images and without the number of voxels crossed."""
     first, pairs = plan.variants[0], list(zip(plan.variants, made, strict=True))
     notes = dict.fromkeys(note for one in made for note in one.notes)
     left_out = [stage for stage in report.stages(plan, figure) if not stage.needed]
@@ -189,16 +200,17 @@ def _result(plan: Plan, device: Device, made: list[_Made], clock: Clock, figure:
 
 
 def _errors(pairs: list[tuple[PlannedVariant, _Made]]) -> dict[str, dict[str, Any]]:
-    """Returns what is known of the errors made, by part.
+    """Returns the errors of the images by part, for the result's error budget.
 
-    Of the fit and by the sensors' word, and as measured where that is wanted.
+    They are that of the absorption fit, those that sensors know, and those that the error budget
+    has measured. Of several variants the largest error counts.
     """
     fit = max(made.expansion.measured for _, made in pairs)
-    told = {"absorption-fit": (fit, "of the mean absorption")}
+    sizes = {"absorption-fit": (fit, "of the mean absorption")}
     for variant, _ in pairs:
         for part, error in variant.needs.errors.items():
-            told[part] = max(error, told.get(part, error))
-    known = {part: {"rms": size, "max": size, "unit": unit} for part, (size, unit) in told.items()}
+            sizes[part] = max(error, sizes.get(part, error))
+    known = {part: {"rms": size, "max": size, "unit": unit} for part, (size, unit) in sizes.items()}
     unit = pairs[0][0].image.sources.unit
     parts = worst(made.errors for _, made in pairs)
     return known | {
@@ -208,7 +220,7 @@ def _errors(pairs: list[tuple[PlannedVariant, _Made]]) -> dict[str, dict[str, An
 
 
 def _missed(pairs: list[tuple[PlannedVariant, _Made]]) -> list[str]:
-    """Returns words on variants whose measured error is more than the tolerance."""
+    """Returns a warning for each variant whose measured error is larger than its tolerance."""
     found = []
     for variant, made in pairs:
         bearable, total = variant.scene.numerics.tolerance, made.errors.get("total")
@@ -220,7 +232,10 @@ def _missed(pairs: list[tuple[PlannedVariant, _Made]]) -> list[str]:
 
 
 def _cubes(pairs: list[tuple[PlannedVariant, _Made]]) -> tuple[Cube, ...]:
-    """Returns the saved cubes in the units of each variant's air, once if all are the same."""
+    """Returns the cubes to be stored, one for each variant, or one if they are all the same.
+
+    Returns none unless every variant has one.
+    """
     saved = [made.saved for _, made in pairs]
     if any(cube is None for cube in saved):
         return ()

@@ -1,7 +1,7 @@
-"""What a sensor plugin sees: the public contract between thzcl and its sensors, version 1.
+"""The public contract between thzcl and its sensor plugins, version 1.
 
-A sensor is a class with a `name`, the version of the `contract` it was written for, its parameters
-`Params`, a manual page as docstring, `needs()` and `observe()`:
+A sensor is a class with a `name`, the version of the `contract` that it was written for, its
+parameters `Params`, a manual page as docstring, and the methods `needs()` and `observe()`:
 
     from thzcl.sensor import Image, Needs, Parameters, Sensor, hookimpl, parameter
 
@@ -18,15 +18,16 @@ A sensor is a class with a `name`, the version of the `contract` it was written 
             return Needs(frequency_hz=[self.params.frequency_ghz * 1e9])
 
         def observe(self, sight, rng):
-            return Image(sight.brightness_temperature[0], unit="K", quantity="brightness temperature")
+            kelvin = sight.brightness_temperature[0]
+            return Image(kelvin, unit="K", quantity="brightness temperature")
 
     @hookimpl
     def register_sensors():
         return [Thermometer]
 
-It never sees OpenCL, files or the scene; `observe` is a pure function of what reaches the pixels
-and of the random numbers. `thzcl new-sensor NAME` writes a package around such a class that can be
-installed as it is.
+A sensor never sees OpenCL, files or the scene; `observe` is a pure function of what reaches the
+pixels and of the random numbers. `thzcl new-sensor NAME` writes a package around such a class,
+which can be installed as it is.
 """
 
 from __future__ import annotations
@@ -67,9 +68,9 @@ __all__ = [
 ]
 
 CONTRACT = 1
-_BLOCK = 32768  # pixels
+_BLOCK = 32768  # pixels at once, which fit the cache: three times faster
 Array = NDArray[np.float64]
-FrequencyGHz = Annotated[float, Field(gt=0, le=1780)]  # as far as MPM93 goes
+FrequencyGHz = Annotated[float, Field(gt=0, le=1780)]  # the range of MPM93
 FrequenciesGHz = FrequencyGHz | Annotated[tuple[FrequencyGHz, ...], Field(min_length=1)]
 hookimpl = pluggy.HookimplMarker("thzcl")
 
@@ -86,9 +87,10 @@ RESERVED_NAMES = frozenset(
 
 
 class Optics(Parameters):
-    """What blurs the image: diffraction, the pixels' own size, and a Gaussian for all else.
+    """What blurs the image: diffraction, the size of the pixels, and a Gaussian for all else.
 
-    Applied to radiance (power, for an active sensor), at a gain of exactly 1 for a uniform scene.
+    The blur is applied to radiance, or to power for an active sensor. It leaves a uniform scene
+    exactly as it is.
     """
 
     aperture_m: float | None = parameter(
@@ -104,34 +106,36 @@ class Optics(Parameters):
 class View:
     """What a sensor may know of the scene before anything is traced.
 
-    `absorption` gives that of the mean air in 1/m at frequencies in Hz, `table` the rows of numbers
-    of a CSV file beside the scenario, `tolerance` the bearable error of a sum over frequency,
-    relative to what the shortest path lets through.
+    `absorption` is a function that gives the mean air's absorption in 1/m at frequencies in Hz.
+    `table` is a function that gives the numbers, (row, column), of a CSV file beside the scenario.
+    `tolerance` is the bearable error of a sum over frequency, relative to the radiance that passes
+    the shortest path.
     """
 
     pixels: tuple[int, int]  # width, height
-    pixel_angle_rad: tuple[float, float]  # at the image centre
+    pixel_angle_rad: tuple[float, float]  # width, height, at the image centre
     air_temperature_k: float
-    path_m: tuple[float, float]  # shortest and longest ray, about
+    path_m: tuple[float, float]  # about the lengths of the shortest and the longest ray
     absorption: Callable[[Array], Array]
-    lines_hz: Array  # where the air's lines are
-    line_width_hz: float  # and how wide, about
+    lines_hz: Array  # centre frequencies of the air's lines
+    line_width_hz: float  # about the width of the air's lines
     table: Callable[[str], Array]
     tolerance: float = bands.TOLERANCE
 
 
 @dataclass(frozen=True)
 class Needs:
-    """What must be computed for a sensor. What is not asked for is left out.
+    """What must be computed for a sensor. Nothing else is computed.
 
-    `weights` (band, frequency) ask for these sums over frequency only; rows are normalised to 1.
-    `finer` holds frequencies and weights of the same bands, summed far more finely: the error
-    budget compares. `transmitter_m` is where a transmitter stands, if not at the camera.
-    `cutoff_depth` is the optical depth, one way, at which a ray ends; by default where the rest is
-    worth 1e-7 of the air's radiance. `times_s` (sample, y, x) is when each pixel is taken; samples
-    are averaged. `gain = "lambert"` multiplies each ray's echo by cos / (pi r^2), 1/m^2, of the
-    surface that it meets, before rays are averaged into pixels or blurred. `errors` are known
-    errors: part to relative size, and of what.
+    `weights` (band, frequency) ask for sums over frequency in place of single frequencies; each
+    row is normalised to a sum of 1. `finer` holds frequencies and weights of the same bands, summed
+    far more finely, with which the error budget compares. `transmitter_m` is the place of a
+    transmitter that is not at the camera. `cutoff_depth` is the optical depth, one way, at which a
+    ray ends; if it is None, rays end where the rest could add 1e-7 of the air's radiance. `times_s`
+    (sample, y, x) says when each pixel is taken, in s; samples are averaged. With
+    `gain = "lambert"` each ray's echo is multiplied by cos / (pi r^2), in 1/m^2, of the surface
+    that it meets, before rays are averaged into pixels or blurred. `errors` are errors that the
+    sensor knows, by name: each has a relative size, and words for what that is relative to.
     """
 
     frequency_hz: ArrayLike  # one or several, ascending
@@ -139,7 +143,7 @@ class Needs:
     reflection: bool = False  # echoes of a transmitter instead of emission
     transmitter_m: tuple[float, float, float] | None = None
     cutoff_depth: float | None = None
-    slant: bool = False  # the cosine between ray and surface normal
+    slant: bool = False  # whether `cosine`, between ray and surface normal, is wanted
     times_s: ArrayLike | None = None
     optics: Optics | None = None
     noise: bool = False  # whether observe() draws random numbers
@@ -152,25 +156,26 @@ class Needs:
 class _Sight:
     """What every sensor gets; row 0 is the image's top, column 0 its left.
 
-    Where weights were asked for, bands stand in place of frequencies: their mean frequency, mean
-    radiance, and the depth of their mean transmission.
+    If a sensor asks for weights, the axis "frequency" runs over its bands: `frequency_hz` is a
+    band's mean frequency, radiance its mean radiance, and `optical_depth` that of its mean
+    transmission.
     """
 
     frequency_hz: Array  # (frequency,)
-    optical_depth: NDArray[Any]  # (frequency, y, x), 1
+    optical_depth: NDArray[Any]  # (frequency, y, x)
     path_length: NDArray[Any]  # (y, x), m
     target: NDArray[Any]  # (y, x): 0 background, 1 ground, 2 and up the targets in file order
-    cosine: NDArray[Any] | None  # (y, x), where asked for
+    cosine: NDArray[Any] | None  # (y, x), None unless asked for
     pixel_solid_angle: float  # sr, at the image centre
-    nodes_hz: Array  # (node,): what was asked for
-    weights: Array | None  # (frequency, node): as they were asked for
+    nodes_hz: Array  # (node,): the frequencies that were asked for
+    weights: Array | None  # (frequency, node): the weights that were asked for
 
 
 @dataclass(frozen=True)
 class Radiances(_Sight):
     """What reaches each pixel of a passive sensor.
 
-    Radiance is held as contrast to that of the mean air, so that microkelvins survive.
+    Radiance is stored as its difference from that of the mean air, so that microkelvins survive.
     """
 
     contrast: NDArray[Any]  # (frequency, y, x), W m-2 sr-1 Hz-1 above the air's
@@ -179,39 +184,39 @@ class Radiances(_Sight):
 
     @property
     def radiance(self) -> Array:
-        """Returns spectral radiance, W m-2 sr-1 Hz-1, (frequency, y, x)."""
+        """Returns the spectral radiance, W m-2 sr-1 Hz-1, (frequency, y, x)."""
         return np.asarray(self.air_radiance[:, None, None] + self.contrast)
 
     @cached_property
     def brightness_temperature_contrast(self) -> Array:
-        """Returns brightness temperature above the air's, K, (frequency, y, x)."""
+        """Returns the brightness temperature less the air's, K, (frequency, y, x)."""
         # A band's mean radiance differs a little from that at its mean frequency.
         share = radiometry.planck(self.frequency_hz, self.air_temperature_k) / self.air_radiance
-        found = np.empty(self.contrast.shape)
-        planes = zip(self.frequency_hz, share, self.contrast, found, strict=True)
+        kelvin = np.empty(self.contrast.shape)
+        planes = zip(self.frequency_hz, share, self.contrast, kelvin, strict=True)
         for frequency, factor, plane, out in planes:
             flat, into = plane.ravel(), out.ravel()
-            for start in range(0, len(flat), _BLOCK):  # fits the cache: three times faster
+            for start in range(0, len(flat), _BLOCK):
                 part = slice(start, start + _BLOCK)
                 contrast = flat[part] if factor == 1 else flat[part] * factor
                 into[part] = radiometry.brightness_temperature_contrast(
                     frequency, contrast, self.air_temperature_k
                 )
-        found.flags.writeable = False
-        return found
+        kelvin.flags.writeable = False
+        return kelvin
 
     @property
     def brightness_temperature(self) -> Array:
-        """Returns brightness temperature, K, (frequency, y, x)."""
+        """Returns the brightness temperature, K, (frequency, y, x)."""
         return self.air_temperature_k + self.brightness_temperature_contrast
 
 
 @dataclass(frozen=True)
 class Echoes(_Sight):
-    """What comes back to each pixel of what a transmitter sends out.
+    """What comes back to each pixel of an active sensor from its transmitter.
 
     The optical depth is that of the way out and back. `returned` (frequency, y, x) is reflectivity
-    times transmission out and back, 1; with `gain = "lambert"` in 1/m^2.
+    times transmission out and back, without a unit; with `gain = "lambert"` it is in 1/m^2.
     """
 
     returned: NDArray[Any]
@@ -220,7 +225,7 @@ class Echoes(_Sight):
 
 @dataclass(frozen=True)
 class Layer:
-    """A further image of a sensor, (y, x), by its netCDF variable name in Image.layers."""
+    """One more image of a sensor, (y, x); its key in Image.layers names it in the result file."""
 
     values: NDArray[Any]
     unit: str
@@ -229,9 +234,9 @@ class Layer:
 
 @dataclass(frozen=True)
 class Image:
-    """What a sensor records: values (y, x), their unit ("1" for none), and what they are.
+    """What a sensor records: values (y, x), their unit ("1" for none) and their quantity.
 
-    `facts` are numbers about the image, by name: value and unit.
+    `layers` are further images by name, `facts` numbers about the image by name: value and unit.
     """
 
     values: NDArray[Any]
@@ -242,7 +247,7 @@ class Image:
 
 
 class Sensor(ABC):
-    """Base of every sensor; `params` holds the validated [sensor] table."""
+    """The base of every sensor; `params` holds the validated [sensor] table."""
 
     name: ClassVar[str]
     contract: ClassVar[int]
@@ -255,18 +260,21 @@ class Sensor(ABC):
 
     @property
     def detector(self) -> Sensor:
-        """The sensor that this one wraps. Raises TypeError if it wraps none."""
+        """Returns the sensor that this one wraps. Raises TypeError if it wraps none."""
         if self._detector is None:
             raise TypeError(f"{self.name} wraps no other sensor")
         return self._detector
 
     @abstractmethod
     def needs(self, view: View) -> Needs:
-        """What must be computed.
+        """Returns what must be computed.
 
-        Raises ValueError where the parameters and the view do not fit together.
+        Raises ValueError if the parameters and the view do not fit together.
         """
 
     @abstractmethod
     def observe(self, sight: Any, rng: np.random.Generator) -> Image:
-        """The image, from Radiances or Echoes. Draw every random number from `rng`."""
+        """Returns the image made from Radiances or Echoes.
+
+        Every random number must be drawn from `rng`.
+        """

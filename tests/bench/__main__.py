@@ -26,8 +26,6 @@ from thzcl.commands.tables import Column, Table, show
 from thzcl.device.choose import open_device
 from thzcl.studies.bench import surroundings
 
-README = Path(__file__).parents[2] / "README.md"
-
 
 def main() -> None:
     """Measures, prints tables, and writes the records where they are wanted."""
@@ -39,7 +37,7 @@ def main() -> None:
     parser.add_argument(
         "--readme",
         action="store_true",
-        help="write README's tables too; of everything, not --only some",
+        help="write the tables of README beside this file; of everything, not --only some",
     )
     parser.add_argument(
         "--guard",
@@ -79,9 +77,7 @@ def main() -> None:
     if given.output:
         given.output.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
     if given.readme and not given.only:
-        README.write_text(
-            readme.replaced(README.read_text(encoding="utf-8"), found), encoding="utf-8"
-        )
+        readme.write(found)
 
 
 def _show(one: dict[str, Any]) -> None:

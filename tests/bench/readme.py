@@ -1,20 +1,72 @@
-"""README's tables of speed, made of the records: nobody types a figure."""
+"""The measured tables of tests/bench/README.md, made of the records: nobody types a figure.
+
+    python tests/bench/readme.py
+
+writes the tables anew from record.json and stress.csv. `python tests/bench --readme` does so from
+what it has just measured.
+"""
 
 from __future__ import annotations
 
+import csv
+import json
+from pathlib import Path
 from typing import Any
 
 from comparison import EXACT, MITSUBA, NUMBA_32, NUMBA_64, NUMPY, PLAIN, THINNED
 
-BEGIN, END = "<!-- how fast: written by tests/bench -->\n", "<!-- how fast: end -->\n"
+HERE = Path(__file__).parent
+PAGE, RECORD, STRESS = HERE / "README.md", HERE / "record.json", HERE / "stress.csv"
+SPEED = "<!-- how fast: written by tests/bench -->\n", "<!-- how fast: end -->\n"
+EXTREMES = (
+    "<!-- extremes: written by tests/bench/readme.py -->\n",
+    "<!-- extremes: end -->\n",
+)
+ARITHMETIC = ", float32"  # the end of the names of the cases that are shown
 Table = dict[str, Any]
 
 
-def replaced(readme: str, found: dict[str, Any]) -> str:
-    """README with its tables made anew."""
-    before, _, rest = readme.partition(BEGIN)
-    _, _, after = rest.partition(END)
-    return before + BEGIN + section(found) + END + after
+def write(found: dict[str, Any]) -> None:
+    """Writes the page's tables anew: those of speed from these records."""
+    text = replaced(PAGE.read_text(encoding="utf-8"), found, stress_cases())
+    PAGE.write_text(text, encoding="utf-8")
+
+
+def replaced(page: str, found: dict[str, Any], cases: list[dict[str, str]]) -> str:
+    """The page with its tables made anew."""
+    for (begin, end), text in ((SPEED, section(found)), (EXTREMES, extremes(cases))):
+        before, _, rest = page.partition(begin)
+        page = before + begin + text + end + rest.partition(end)[2]
+    return page
+
+
+def recorded() -> dict[str, Any]:
+    """The records of speed that are kept."""
+    return json.loads(RECORD.read_text(encoding="utf-8"))
+
+
+def stress_cases() -> list[dict[str, str]]:
+    """What `thzcl stress --format csv` printed."""
+    return list(csv.DictReader(STRESS.read_text(encoding="utf-8").splitlines()))
+
+
+def extremes(cases: list[dict[str, str]]) -> str:
+    """How many of the stiff and extreme cases pass, and those in float32 as they were measured."""
+    shown = [case for case in cases if case["name"].endswith(ARITHMETIC)]
+    failed = [case["name"] for case in cases if case["passed"] != "True"]
+    passed = (
+        f"{len(cases) - len(failed)} of {len(cases)} pass" if failed else f"All {len(cases)} pass"
+    )
+    missed = f"; **these fail: {', '.join(failed)}**" if failed else ""
+    table = _table(["case", "measured", "relative error", "bound"], [_case(case) for case in shown])
+    summary = f"<details><summary>{len(shown)} lines in float32</summary>"
+    return f"\n{passed}{missed}. Those in float32:\n\n{summary}\n\n{table}\n\n</details>\n\n"
+
+
+def _case(case: dict[str, str]) -> list[str]:
+    measured, error, bound = (float(case[key]) for key in ("measured", "error", "bound"))
+    name = case["name"].removesuffix(ARITHMETIC)
+    return [name, f"{measured:.6g}", f"{error:.1e}", f"{bound:.1e}"]
 
 
 def section(found: dict[str, Any]) -> str:
@@ -89,3 +141,7 @@ def _claim(record: dict[str, Any]) -> list[str]:
     bound = f"{side} {record['bound']:g} {record['unit']}".removesuffix(" 1")
     word = {True: "met", False: "**missed**", None: "not measured"}[record["met"]]
     return [record["name"], measured, bound, word, record["note"]]
+
+
+if __name__ == "__main__":
+    write(recorded())

@@ -1,1 +1,1 @@
-"""What air absorbs, and how humidity and radiance are measured."""
+"""Absorption of moist air, measures of humidity, and radiometry."""

@@ -1,11 +1,11 @@
 """The expansion of absorption in powers of humidity and temperature, which stands in for MPM93.
 
 In isothermal air the optical depth at frequency nu is sum_k c_k(nu) M_k over path moments
-M_k = integral of delta^k ds, with delta = rho / rho_mean - 1. Where temperature fluctuates too,
-each coefficient is itself a polynomial in its departure from the mean. A Chebyshev series over
-exactly the range that a scene's own air reaches is cut where the error is within what was asked
-for, and written out in powers of delta: the mean air is at delta = 0, so that what float32 must
-resolve are departures from it.
+M_k = integral of delta^k ds, with delta = rho / rho_mean - 1. If temperature fluctuates too, each
+coefficient is itself a polynomial in the temperature's departure from its mean. A Chebyshev series
+covers exactly the range of delta and temperature that a scene's air reaches. It is cut at the
+lowest degree whose error is within the tolerance, and written out in powers of delta. The mean air
+lies at delta = 0, so that float32 needs to resolve only departures from it.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import Any
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,8 +26,8 @@ Span = tuple[float, float]
 
 NOWHERE: Span = (0.0, 0.0)
 HIGHEST_DEGREE = 16
-_NODES = 33  # of the series before it is cut: enough for every line at 1 hPa and more
-_SAFETY = 1.2  # between checked points the error may be a little larger than at them
+_NODES = 33  # of the uncut series: enough for every line at pressures of 1 hPa and above
+_SAFETY = 1.2  # the error between checked points may be a little larger than at them
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,7 @@ class Expansion:
 
     t is the temperature's departure from the mean in kelvin. `measured` is the largest
     |polynomial - model| over the spans and all frequencies, relative to the mean air's absorption,
-    at points that the fit has not seen; `error` bounds it everywhere.
+    at points that are not nodes of the fit; `error` bounds that difference everywhere.
     """
 
     air: Air
@@ -49,12 +49,12 @@ class Expansion:
 
     @property
     def moments(self) -> int:
-        """Returns how many path moments beyond the length the optical depth needs."""
+        """Returns the number of path moments, the length not counted, that the depth needs."""
         return int(self.coefficients.shape[1]) - 1
 
     @property
     def sizes(self) -> Array:
-        """Returns the most that each term can be within the spans, 1/m.
+        """Returns the largest absolute value of each term within the spans, 1/m.
 
         The shape is (frequency, humidity power, temperature power).
         """
@@ -85,9 +85,10 @@ def fit(
 ) -> Expansion:
     """Returns the expansion of least degree whose error is within `tolerance`.
 
-    `tolerance` is relative to the mean air's absorption, `humidity_span` bounds delta,
-    `temperature_span` the departure from the mean in kelvin. `moments` fixes the degree in delta.
-    Past degree 16 the expansion is returned with the error it has, which the caller reports.
+    `tolerance` is relative to the mean air's absorption. `humidity_span` bounds delta, and
+    `temperature_span` bounds the temperature's departure from the mean in kelvin. `moments` fixes
+    the degree in delta. If degree 16 does not suffice, the expansion of degree 16 is returned with
+    its larger error, which the caller reports.
     """
     spans = (possible(air, humidity_span), temperature_span)
     return _fitted(
@@ -103,6 +104,7 @@ def _fitted(
     tolerance: float,
     moments: int | None,
 ) -> Expansion:
+    """Returns the expansion that `fit` describes, from arguments that can be hashed."""
     frequency_hz = np.array(frequencies)
     scale = _scale(air, frequency_hz)
     series = chebyshev_series(
@@ -131,10 +133,11 @@ def _fitted(
 
 
 def trimmed(expansion: Expansion, tolerance: float) -> Expansion:
-    """Returns an expansion without its smallest terms.
+    """Returns an expansion without its smallest terms, its error still within `tolerance`.
 
-    All that are left out are together within what its error leaves of `tolerance` (relative to the
-    mean air's absorption). Of each power of delta it is the highest powers of t that go.
+    `tolerance` is relative to the mean air's absorption. The sum of the dropped terms is at most
+    the tolerance less the expansion's error. In each power of delta, the highest powers of t are
+    dropped first.
     """
     scale = _scale(expansion.air, expansion.frequency_hz)
     terms = (expansion.sizes / scale).max(axis=0)
@@ -146,13 +149,16 @@ def trimmed(expansion: Expansion, tolerance: float) -> Expansion:
             break
         left_out += last[row]
         counts[row] -= 1
-    kept = np.where(np.arange(terms.shape[1]) < counts[:, None], expansion.coefficients, 0.0)
-    cut = replace(expansion, coefficients=kept, error=expansion.error + left_out)
+    remaining = np.where(np.arange(terms.shape[1]) < counts[:, None], expansion.coefficients, 0.0)
+    cut = replace(expansion, coefficients=remaining, error=expansion.error + left_out)
     return replace(cut, measured=_measured(cut, scale))
 
 
 def _measured(expansion: Expansion, scale: Array) -> float:
-    """Returns the largest error half way between the nodes, and at the ends of the spans."""
+    """Returns the largest error at points between the nodes and at the ends of the spans.
+
+    The error is divided by `scale` (frequency, 1, 1) in 1/m.
+    """
     delta, offset = (
         _between(span)[index]
         for span, index in zip(
@@ -166,7 +172,7 @@ def _measured(expansion: Expansion, scale: Array) -> float:
 
 
 def possible(air: Air, humidity_span: Span) -> Span:
-    """Returns a span of delta limited to what air can be: between dry, and vapour alone."""
+    """Returns a span of delta limited to what is possible: from dry air to vapour alone."""
     if air.absolute_humidity_g_m3 == 0 or air.model == "none":
         return NOWHERE
     high = min(humidity_span[1], air.most_vapour)
@@ -176,9 +182,10 @@ def possible(air: Air, humidity_span: Span) -> Span:
 def chebyshev_series(
     absorption: Callable[[Array, Array], Array], humidity_span: Span, temperature_span: Span
 ) -> Array:
-    """A function of delta and t, of shape (frequency, delta, t).
+    """Returns the coefficients, (frequency, k, j), of a function's Chebyshev series T_k T_j.
 
-    As a series T_k T_j through 33 nodes each way.
+    `absorption` takes delta and t and returns values of shape (frequency, delta, t). The series
+    agrees with it at 33 Chebyshev nodes in each of the two spans.
     """
     nodes_d, nodes_t = _nodes(humidity_span), _nodes(temperature_span)
     values = absorption(nodes_d[:, None], nodes_t[None, :])
@@ -196,9 +203,10 @@ def chebyshev_series(
 def _degrees(
     values: Array, series: Array, tolerance: float, moments: int | None
 ) -> tuple[int, int]:
-    """The least degrees in delta and t at which the cut series is within tolerance.
+    """Returns the least degrees in delta and in t for which the cut series is within tolerance.
 
-    The dearer axis, delta, last.
+    The degree in t is chosen first, with half of the tolerance, and then the degree in delta, each
+    power of which costs more time. `values` (frequency, node, node) are those of the uncut series.
     """
     most = (min(HIGHEST_DEGREE, series.shape[1] - 1), min(HIGHEST_DEGREE, series.shape[2] - 1))
     degree_d = min(moments, most[0]) if moments is not None and most[0] else most[0]
@@ -216,6 +224,7 @@ def _degrees(
 
 
 def _error_of_cut(values: Array, series: Array, degrees: tuple[int, int]) -> float:
+    """Returns the largest absolute error, at the nodes, of a series cut at some degrees."""
     at_d, at_t = (
         _chebyshev(values.shape[1])[:, : degrees[0] + 1],
         _chebyshev(values.shape[2])[:, : degrees[1] + 1],
@@ -227,18 +236,18 @@ def _error_of_cut(values: Array, series: Array, degrees: tuple[int, int]) -> flo
 
 
 def _scale(air: Air, frequency_hz: Array) -> Array:
-    """The mean air's absorption, shape (frequency, 1, 1); 1 where there is none.
+    """Returns the mean air's absorption in 1/m, (frequency, 1, 1), as a divisor.
 
-    So that nothing is divided by 0.
+    It is 1 where the mean air absorbs nothing, so that nothing is divided by 0.
     """
     mean = air.absorption(frequency_hz)[:, None, None]
     return np.where(mean > 0, mean, 1.0)
 
 
 def _between(span: Span) -> Array:
-    """The extremes of T_33, each between two nodes, the ends among them.
+    """Returns the extremes of T_33 over a span: its two ends, and a point between any two nodes.
 
-    Or the one point of an empty span.
+    For a span of no width it returns the span's one point.
     """
     if span[0] >= span[1]:
         return np.array([span[0]])
@@ -247,7 +256,7 @@ def _between(span: Span) -> Array:
 
 
 def _nodes(span: Span) -> Array:
-    """Chebyshev nodes over a span, or the one point of an empty one."""
+    """Returns the 33 Chebyshev nodes of a span, or the one point of a span of no width."""
     if span[0] >= span[1]:
         return np.array([span[0]])
     middle, half = (span[0] + span[1]) / 2, (span[1] - span[0]) / 2
@@ -255,20 +264,23 @@ def _nodes(span: Span) -> Array:
 
 
 def _chebyshev(count: int) -> Array:
-    """T_k at node n of as many Chebyshev nodes, shape (n, k)."""
+    """Returns T_k at node n, (n, k), for `count` Chebyshev nodes and as many polynomials."""
     n = np.arange(count)
     return np.asarray(np.cos(np.outer(n + 0.5, n) * np.pi / count))
 
 
 def _to_series(count: int) -> Array:
-    """The matrix that turns values at the nodes into coefficients of T_k."""
+    """Returns the matrix (k, n) that turns values at `count` nodes into coefficients of T_k."""
     weights = np.full(count, 2.0 / count)
     weights[0] = 1.0 / count
     return np.asarray(weights[:, None] * _chebyshev(count).T)
 
 
 def _to_powers(span: Span, degree: int) -> Array:
-    """Row k: T_k((x - middle) / half) in powers of x, by T_k+1 = 2 u T_k - T_k-1."""
+    """Returns the matrix whose row k holds T_k(u) in powers of x, for k up to `degree`.
+
+    u = (x - middle) / half lies in -1 to 1 over the span of x; T_(k+1) = 2 u T_k - T_(k-1).
+    """
     middle, half = (span[0] + span[1]) / 2, (span[1] - span[0]) / 2 or 1.0
     rows = np.zeros((degree + 1, degree + 1))
     rows[0, 0] = 1.0
@@ -278,20 +290,39 @@ def _to_powers(span: Span, degree: int) -> Array:
     return rows
 
 
+class Reached(Protocol):
+    """A cube whose values lie within known spans; thzcl.turbulence.cube.Field is one."""
+
+    @property
+    def humidity_span(self) -> Span:
+        """Returns the smallest and largest delta in the cube."""
+
+    @property
+    def temperature_span(self) -> Span:
+        """Returns the smallest and largest departure from the mean temperature, K."""
+
+
+class Reaching(Protocol):
+    """The spec of a cube, which foresees its spans; see thzcl.turbulence.fields.AnyField."""
+
+    def spans(self) -> tuple[Span, Span]:
+        """Returns the spans of delta, and of the departure from the mean temperature in K."""
+
+
 @frozen
 class ExpansionSpec(Spec):
-    """The expansion of one air at some frequencies, over what its cube reaches."""
+    """The expansion of one air at some frequencies, over the spans that its cube reaches."""
 
     air: Air
     frequency_hz: Values  # (frequency,)
-    field: Any  # the spec of a cube whose value has humidity_span and temperature_span, or None
+    field: Reaching | None  # None for air that is the same everywhere
     tolerance: float  # relative to the mean air's absorption
     moments: int | None  # a fixed degree in delta
     reads = ("field",)
     stage = "surrogate"
 
-    def run(self, device: Any, field: Any) -> Expansion:
-        """Returns the expansion, of this air's own least degree."""
+    def run(self, device: object, field: Reached | None) -> Expansion:
+        """Returns the expansion of the least degree that this air needs."""
         del device
         spans = (NOWHERE, NOWHERE)
         if field is not None:
@@ -299,15 +330,16 @@ class ExpansionSpec(Spec):
         return self._fit(spans)
 
     def planned(self) -> Expansion:
-        """Returns the expansion over the range that a cube leaves with probability 1e-6."""
+        """Returns the expansion over spans that the cube exceeds with probability 1e-6."""
         return self._fit((NOWHERE, NOWHERE) if self.field is None else self.field.spans())
 
     def _fit(self, spans: tuple[Span, Span]) -> Expansion:
+        """Returns the expansion over the spans of delta and of temperature."""
         frequency_hz = self.frequency_hz.array
         return fit(self.air, frequency_hz, *spans, tolerance=self.tolerance, moments=self.moments)
 
     def describe(self) -> dict[str, Work | LeftOut]:
-        """Returns the model's name; its degree and error are told by the plan."""
+        """Returns the name of the absorption model, or why none is needed."""
         if self.air.model == "none":
             return {"surrogate": LeftOut('model = "none": air that absorbs nothing')}
         return {"surrogate": Work("", "MPM93 as polynomial")}
@@ -315,17 +347,17 @@ class ExpansionSpec(Spec):
 
 @frozen
 class TrimmedSpec(Spec):
-    """An expansion without terms that are too small to matter, where each costs time a voxel."""
+    """An expansion without its smallest terms, for kernels that evaluate it in every voxel."""
 
     expansion: ExpansionSpec
     reads = ("expansion",)
     stage = "surrogate"
 
-    def run(self, device: Any, expansion: Expansion) -> Expansion:
-        """Returns the expansion with fewer terms, within its tolerance."""
+    def run(self, device: object, expansion: Expansion) -> Expansion:
+        """Returns the expansion with fewer terms, its error still within its tolerance."""
         del device
         return trimmed(expansion, self.expansion.tolerance)
 
     def planned(self) -> Expansion:
-        """Returns the expansion over the range that a cube leaves with probability 1e-6."""
+        """Returns the whole expansion over spans that the cube exceeds with probability 1e-6."""
         return self.expansion.planned()

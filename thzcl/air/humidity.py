@@ -1,8 +1,8 @@
 """Humidity in its three forms: relative (%), absolute (g/m3), vapour pressure (hPa).
 
-Saturation is over water at every temperature, as MPM93 has it (Liebe, Hufford and Cotton 1993), so
-that relative humidity below freezing is that of supercooled water. All functions take scalars or
-arrays that broadcast.
+Saturation is over water at every temperature, as in MPM93 (Liebe, Hufford and Cotton 1993, AGARD
+CP-542), so that relative humidity below freezing is that of supercooled water. All functions take
+scalars or arrays, which broadcast.
 """
 
 from __future__ import annotations
@@ -18,35 +18,36 @@ Array = NDArray[np.float64]
 
 
 def saturation_vapour_pressure(temperature_k: Any) -> Array:
-    """Saturation vapour pressure over water in hPa: 2.408e11 theta^5 exp(-22.644 theta).
+    """Returns the saturation vapour pressure over water in hPa.
 
-    Theta = 300 K / T.
+    It is 2.408e11 theta^5 exp(-22.644 theta) with theta = 300 K / T (Liebe, Hufford and Cotton
+    1993, AGARD CP-542).
     """
     theta = 300.0 / np.asarray(temperature_k, dtype=np.float64)
     return np.asarray(2.408e11 * theta**5 * np.exp(-22.644 * theta))
 
 
 def vapour_pressure_from_relative(relative_humidity_percent: Any, temperature_k: Any) -> Array:
-    """Vapour pressure in hPa of air at a relative humidity in per cent."""
+    """Returns the vapour pressure in hPa of air at a relative humidity in per cent."""
     return np.asarray(
         np.asarray(relative_humidity_percent) / 100.0 * saturation_vapour_pressure(temperature_k)
     )
 
 
 def vapour_pressure_from_absolute(absolute_humidity_g_m3: Any, temperature_k: Any) -> Array:
-    """Vapour pressure in hPa of air that holds so many grams of vapour per cubic metre (ideal gas)."""
+    """Returns the vapour pressure in hPa of air at an absolute humidity in g/m3 (ideal gas)."""
     kelvin = np.asarray(temperature_k, dtype=np.float64)
     return np.asarray(np.asarray(absolute_humidity_g_m3) * GAS_CONSTANT_OF_VAPOUR * kelvin / 1e5)
 
 
 def absolute_humidity(vapour_pressure_hpa: Any, temperature_k: Any) -> Array:
-    """Absolute humidity in g/m3 (ideal gas)."""
+    """Returns the absolute humidity in g/m3 of air at a vapour pressure in hPa (ideal gas)."""
     kelvin = np.asarray(temperature_k, dtype=np.float64)
     return np.asarray(np.asarray(vapour_pressure_hpa) * 1e5 / (GAS_CONSTANT_OF_VAPOUR * kelvin))
 
 
 def relative_humidity(vapour_pressure_hpa: Any, temperature_k: Any) -> Array:
-    """Relative humidity in per cent, over water; above 100 where the air is supersaturated."""
+    """Returns the relative humidity over water in per cent; it is over 100 in supersaturation."""
     return np.asarray(
         100.0 * np.asarray(vapour_pressure_hpa) / saturation_vapour_pressure(temperature_k)
     )

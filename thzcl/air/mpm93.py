@@ -1,8 +1,8 @@
 """Absorption of moist air by MPM93, in float64.
 
-Liebe, Hufford and Cotton (1993), "Propagation modeling of moist air and suspended water/ice
-particles at frequencies below 1000 GHz", AGARD CP-542; line tables 1 and 2 of that paper, as
-printed, lie beside this file.
+The model is that of Liebe, Hufford and Cotton (1993), "Propagation modeling of moist air and
+suspended water/ice particles at frequencies below 1000 GHz", AGARD CP-542. Line tables 1 and 2 of
+that paper, as printed, lie beside this file.
 """
 
 from __future__ import annotations
@@ -20,8 +20,8 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 MODELS = ("mpm93", "mpm93-corrected", "none")
-STATED_TO_GHZ = 1000.0  # the model's own range
-REFUSED_ABOVE_GHZ = 1780.0  # where its continuum pseudo-line stands
+STATED_TO_GHZ = 1000.0  # the end of the range that its authors state
+REFUSED_ABOVE_GHZ = 1780.0  # the centre of its continuum pseudo-line
 DB_KM_PER_INVERSE_METRE = 1e4 / np.log(10.0)  # 4342.9448
 
 # Water isotopologues whose printed strengths are about 10 and 81 times too strong: the physical
@@ -31,9 +31,9 @@ _CORRECTED_STRENGTHS = {547.676440: 48.74 * 0.00199983, 552.020960: 48.74 * 0.00
 
 @dataclass(frozen=True)
 class Attenuation:
-    """Specific attenuation in dB/km, of dry air and of water vapour (lines and continuum).
+    """The specific attenuation of dry air and of water vapour (lines and continuum), in dB/km.
 
-    In the inputs' common shape.
+    Both arrays have the shape to which the inputs broadcast.
     """
 
     dry_db_km: Array
@@ -41,32 +41,32 @@ class Attenuation:
 
     @property
     def total_db_km(self) -> Array:
-        """Of moist air."""
+        """Returns the specific attenuation of moist air, dB/km."""
         return self.dry_db_km + self.vapour_db_km
 
     @property
     def total_per_m(self) -> Array:
-        """Absorption coefficient of power, 1/m."""
+        """Returns the absorption coefficient of power, 1/m."""
         return np.asarray(self.total_db_km / DB_KM_PER_INVERSE_METRE)
 
 
 def attenuation(
     model: str, frequency_ghz: Any, temperature_k: Any, pressure_hpa: Any, vapour_pressure_hpa: Any
 ) -> Attenuation:
-    """Specific attenuation of moist air; the arguments broadcast.
+    """Returns the specific attenuation of moist air; the arguments broadcast.
 
     `model` is "mpm93" (as printed), "mpm93-corrected" (two isotopologue lines at their physical
     strength) or "none". `pressure_hpa` is the total pressure, vapour included. Raises ValueError
     for a frequency outside 0 to 1780 GHz, a vapour pressure outside 0 to the total pressure, or an
     unknown model.
     """
-    given = [
+    inputs = [
         np.asarray(x, dtype=np.float64)
         for x in (frequency_ghz, temperature_k, pressure_hpa, vapour_pressure_hpa)
     ]
-    shape = np.broadcast_shapes(*(x.shape for x in given))
-    # Not spread out to that shape: what depends on a few of them alone is computed once.
-    f, t, total, e = (x.reshape((1,) * (len(shape) - x.ndim) + x.shape) for x in given)
+    shape = np.broadcast_shapes(*(x.shape for x in inputs))
+    # They are not spread out to that shape: what depends on a few of them is computed once.
+    f, t, total, e = (x.reshape((1,) * (len(shape) - x.ndim) + x.shape) for x in inputs)
     if model not in MODELS:
         raise ValueError(f"unknown absorption model {model!r}; choose one of {', '.join(MODELS)}")
     if model == "none":
@@ -86,21 +86,21 @@ def attenuation(
 
 
 def line_centers_ghz() -> Array:
-    """Centre frequencies of all lines, oxygen's and water's, GHz."""
+    """Returns the centre frequencies of all lines of oxygen and water, ascending, GHz."""
     names = ("mpm93_oxygen_lines.csv", "mpm93_water_lines.csv")
     return np.sort(np.concatenate([_table(name)[:, 0] for name in names]))
 
 
 def line_width_ghz(pressure_hpa: float) -> float:
-    """About the half width of a line at half maximum, GHz: by collisions some 3 MHz/hPa.
+    """Returns about the half width of a line at half maximum, GHz.
 
-    By motion about 1 MHz.
+    Collisions contribute some 3 MHz/hPa, the motion of the molecules about 1 MHz.
     """
     return 3e-3 * pressure_hpa + 1e-3
 
 
 def _oxygen(f: Array, theta: Array, p: Array, e: Array, shape: tuple[int, ...]) -> Array:
-    """Imaginary refractivity N'' in ppm of the oxygen lines and the non-resonant spectrum."""
+    """Returns the imaginary refractivity N'' in ppm of oxygen lines and non-resonant spectrum."""
     lines = np.zeros(shape)
     for f0, a1, a2, a3, a4, a5, a6 in _blocks("mpm93_oxygen_lines.csv", shape):
         strength = 1e-6 * a1 / f0 * p * theta**3 * np.exp(a2 * (1 - theta))
@@ -119,14 +119,14 @@ def _oxygen(f: Array, theta: Array, p: Array, e: Array, shape: tuple[int, ...]) 
 
 
 def _nitrogen(f: Array, theta: Array, p: Array) -> Array:
-    """Imaginary refractivity N'' in ppm of pressure-induced nitrogen absorption."""
+    """Returns the imaginary refractivity N'' in ppm of pressure-induced nitrogen absorption."""
     return np.asarray(1.40e-12 * p**2 * theta**3.5 * f / (1 + 1.93e-5 * f**1.5))
 
 
 def _water(
     f: Array, theta: Array, p: Array, e: Array, shape: tuple[int, ...], *, corrected: bool
 ) -> Array:
-    """Imaginary refractivity N'' in ppm of the water-vapour lines and the continuum pseudo-line."""
+    """Returns the imaginary refractivity N'' in ppm of water-vapour lines and pseudo-line."""
     total = np.zeros(shape)
     thin_air = p + e < 0.7
     for f0, b1, b2, b3, b4, b5, b6 in _blocks("mpm93_water_lines.csv", shape):
@@ -143,9 +143,9 @@ def _water(
 
 
 def _blocks(name: str, shape: tuple[int, ...]) -> Iterator[Array]:
-    """A line table's columns, in blocks of lines small enough for the cache.
+    """Yields the columns of a line table, (column, line, 1, ...), block by block of lines.
 
-    Shaped to broadcast against `shape`.
+    A block is small enough for the cache, and its columns broadcast against (line, *shape).
     """
     table = _table(name)
     for block in np.array_split(
@@ -156,7 +156,7 @@ def _blocks(name: str, shape: tuple[int, ...]) -> Iterator[Array]:
 
 @cache
 def _table(name: str) -> Array:
-    """The rows of a line table; '#' starts a comment, the first line names the columns."""
+    """Returns the numbers of a line table, (line, column); its header and comments are skipped."""
     text = Path(__file__).with_name(name).read_text(encoding="utf-8")
     rows = [line for line in text.splitlines() if line and not line.startswith("#")][1:]
     return np.array([[float(cell) for cell in row.split(",")] for row in rows])

@@ -1,8 +1,9 @@
-"""Planck's law, its inverse and differences, in forms that hold from 0 K to 1e18 K and resolve microkelvins.
+"""Planck's law, its inverse and differences, from 0 K to 1e18 K and down to microkelvins.
 
-Spectral radiance in W m-2 sr-1 Hz-1, frequency in Hz, temperature in kelvin; all functions broadcast. Photon occupation
-n = 1 / (exp(x) - 1), x = h nu / (k T), is what is computed; radiance is 2 h nu^3 / c^2 times it. Differences are formed by
-expm1 and log1p, never by subtraction, and never in float32.
+Spectral radiance is in W m-2 sr-1 Hz-1, frequency in Hz, temperature in kelvin; all arguments
+broadcast. Radiance is 2 h nu^3 / c^2 times the photon occupation n = 1 / (exp(x) - 1) of a mode,
+with x = h nu / (k T) (Planck 1901). Differences are formed by expm1 and log1p, never by
+subtraction, and never in float32.
 """
 
 from __future__ import annotations
@@ -20,22 +21,22 @@ Array = NDArray[np.float64]
 
 
 def radiance_unit(frequency_hz: Any) -> Array:
-    """Radiance of one photon a mode, 2 h nu^3 / c^2."""
+    """Returns the spectral radiance of one photon in each mode, 2 h nu^3 / c^2."""
     return np.asarray(2 * PLANCK * np.asarray(frequency_hz, dtype=np.float64) ** 3 / LIGHT_SPEED**2)
 
 
 def photon_temperature(frequency_hz: Any) -> Array:
-    """The temperature h nu / k, in kelvin."""
+    """Returns the temperature h nu / k, in kelvin."""
     return np.asarray(PLANCK * np.asarray(frequency_hz, dtype=np.float64) / BOLTZMANN)
 
 
 def planck(frequency_hz: Any, temperature_k: Any) -> Array:
-    """Spectral radiance of a black body; exactly 0 at 0 K."""
+    """Returns the spectral radiance of a black body, which is exactly 0 at 0 K."""
     return np.asarray(radiance_unit(frequency_hz) * _occupation(frequency_hz, temperature_k))
 
 
 def planck_slope(frequency_hz: Any, temperature_k: Any) -> Array:
-    """Derivative of planck with temperature, W m-2 sr-1 Hz-1 K-1."""
+    """Returns the derivative of Planck's law with temperature, W m-2 sr-1 Hz-1 K-1."""
     n = _occupation(frequency_hz, temperature_k)
     kelvin = np.asarray(temperature_k, dtype=np.float64)
     return np.asarray(
@@ -44,7 +45,7 @@ def planck_slope(frequency_hz: Any, temperature_k: Any) -> Array:
 
 
 def planck_difference(frequency_hz: Any, temperature_k: Any, reference_k: Any) -> Array:
-    """planck(T) - planck(T_reference), accurate however close the two temperatures are."""
+    """Returns planck(T) - planck(T_reference), accurate however close the temperatures are."""
     t, r = np.asarray(temperature_k, dtype=np.float64), np.asarray(reference_k, dtype=np.float64)
     hot, cold = np.maximum(t, r), np.minimum(t, r)
     # n_hot - n_cold = n_hot (1 + n_cold) (1 - exp(x_hot - x_cold)): no term grows without bound.
@@ -58,7 +59,7 @@ def planck_difference(frequency_hz: Any, temperature_k: Any, reference_k: Any) -
 
 
 def brightness_temperature(frequency_hz: Any, radiance: Any) -> Array:
-    """The temperature of the black body with this radiance; 0 K for no radiance."""
+    """Returns the temperature of the black body of a given radiance; it is 0 K for none."""
     n = np.asarray(radiance, dtype=np.float64) / radiance_unit(frequency_hz)
     with np.errstate(divide="ignore"):
         return np.asarray(photon_temperature(frequency_hz) / np.log1p(1 / n))
@@ -67,10 +68,10 @@ def brightness_temperature(frequency_hz: Any, radiance: Any) -> Array:
 def brightness_temperature_contrast(
     frequency_hz: Any, radiance_contrast: Any, reference_k: Any
 ) -> Array:
-    """Brightness temperature of planck(T_reference) + radiance_contrast, less T_reference.
+    """Returns the brightness temperature of planck(T_r) + radiance_contrast, less T_r, in kelvin.
 
-    With the logarithm l = log(1 + 1/n): T - T_r = (h nu / k) (l_r - l) / (l_r l), and
-    l_r - l = log1p(dn / (n_r (n_r + 1 + dn))).
+    T_r is `reference_k`. With l = log(1 + 1/n) it is T - T_r = (h nu / k) (l_r - l) / (l_r l), and
+    l_r - l = log1p(dn / (n_r (n_r + 1 + dn))) for a contrast of dn photons in each mode.
     """
     n_r = _occupation(frequency_hz, reference_k)
     dn = np.asarray(radiance_contrast, dtype=np.float64) / radiance_unit(frequency_hz)
@@ -97,10 +98,11 @@ def surface_contrast(
     air_k: float,
     environment: float | str,
 ) -> Array:
-    """L_surface - planck(T_air) of surfaces, shape (surface, frequency).
+    """Returns the radiance of surfaces less planck(air_k), (surface, frequency).
 
-    A surface emits (1 - R) B(T) and reflects R times its environment: "air" (a black enclosure at
-    the air's temperature), "none", or a temperature in kelvin.
+    A surface of temperature T and reflectivity R, both (surface,), emits (1 - R) B(T) and reflects
+    R times its environment: "air" (a black enclosure at the air's temperature), "none", or a black
+    body of a temperature in kelvin.
     """
     surroundings = {"air": air_k, "none": 0.0}.get(str(environment), environment)
     reflected = planck_difference(frequency_hz, surroundings, air_k)
@@ -109,6 +111,7 @@ def surface_contrast(
 
 
 def _occupation(frequency_hz: Any, temperature_k: Any) -> Array:
+    """Returns the photons in each mode, 1 / (exp(h nu / (k T)) - 1)."""
     with np.errstate(divide="ignore", over="ignore"):
         return np.asarray(
             1

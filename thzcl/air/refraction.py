@@ -1,7 +1,9 @@
-"""What refraction by the same turbulence would add, which is left out: an estimate, so that a user sees when it matters.
+"""An estimate of what refraction by the turbulence would add, which images leave out.
 
-Scintillation after Rytov, and the wander of the angle of arrival, of a plane wave in Kolmogorov turbulence (Tatarskii 1971);
-radio refractivity N = 77.6 p/T + 3.73e5 e/T^2 in ppm, hPa and K (Smith and Weintraub 1953).
+It gives the scintillation and the wander of the angle of arrival of a plane wave in Kolmogorov
+turbulence, in Rytov's approximation (Tatarskii 1971, "The effects of the turbulent atmosphere on
+wave propagation"). Radio refractivity is N = 77.6 p/T + 3.73e5 e/T^2 in ppm, with hPa and K (Smith
+and Weintraub 1953, Proc. IRE 41, 1035).
 """
 
 from __future__ import annotations
@@ -9,18 +11,19 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
+from thzcl.air.humidity import GAS_CONSTANT_OF_VAPOUR
 from thzcl.air.mean import Air
 from thzcl.air.radiometry import LIGHT_SPEED
 
-GAS_CONSTANT_OF_VAPOUR = 461.525  # J kg-1 K-1
-DECIBEL = 20 / math.log(10)  # of an amplitude's logarithm
+DECIBEL = 20 / math.log(10)  # dB for each unit of an amplitude's natural logarithm
 USUAL_APERTURE_M = 0.3
 
 
 class Refraction(NamedTuple):
-    """At the end of a path.
+    """What refraction does by the end of a path of `path_m`, before an aperture of `aperture_m`.
 
-    Standard deviations of the signal in dB and of the angle of arrival in microradians.
+    `scintillation_db` is the standard deviation of the signal in dB, `tilt_urad` that of the angle
+    of arrival in microradians.
     """
 
     structure_constant_n: float  # C_n^2, m^(-2/3)
@@ -33,9 +36,11 @@ class Refraction(NamedTuple):
 def structure_constant_n(
     air: Air, structure_constant_q: float, structure_constant_t: float
 ) -> float:
-    """C_n^2 in m^(-2/3) of air with C_q^2 (g^2 m^-6 m^-2/3) and C_T^2 (K^2 m^-2/3).
+    """Returns C_n^2 of the refractive index, m^(-2/3).
 
-    Each for itself.
+    `structure_constant_q` is C_q^2 of absolute humidity in g^2 m^-6 m^(-2/3), and
+    `structure_constant_t` is C_T^2 of temperature in K^2 m^(-2/3). Their contributions are added as
+    if humidity and temperature did not correlate.
     """
     kelvin = air.temperature_k
     vapour_hpa_per_gram = GAS_CONSTANT_OF_VAPOUR * kelvin * 1e-5
@@ -49,9 +54,11 @@ def structure_constant_n(
 def estimate(
     structure_constant: float, frequency_hz: float, path_m: float, aperture_m: float | None
 ) -> Refraction:
-    """Weak scintillation and tilt of a plane wave.
+    """Returns the weak scintillation and the tilt of a plane wave after a path of `path_m`.
 
-    0.307 C_n^2 k^(7/6) L^(11/6) and 2.91 C_n^2 D^(-1/3) L, as variances.
+    The variance of the amplitude's logarithm is 0.307 C_n^2 k^(7/6) L^(11/6), that of the angle of
+    arrival 2.91 C_n^2 D^(-1/3) L in rad^2 (Tatarskii 1971). `structure_constant` is C_n^2 in
+    m^(-2/3), and `aperture_m` is D, 0.3 m if it is None.
     """
     aperture = aperture_m or USUAL_APERTURE_M
     wave_number = 2 * math.pi * frequency_hz / LIGHT_SPEED

@@ -30,9 +30,9 @@ MOST_NAMED = 12  # lines in a legend
 
 
 def values(text: str) -> Array:
-    """Numbers from "650", "600,650" or "100:1000:1" (start, stop and step; the stop is included).
+    """Returns the numbers of "650", "600,650" or "100:1000:1" (start:stop:step, stop included).
 
-    Raises ValueError.
+    Raises ValueError for any other text, and for numbers that are not finite.
     """
     try:
         if ":" not in text:
@@ -61,10 +61,11 @@ def records(
     given: str,
     amount: float,
 ) -> list[dict[str, float]]:
-    """One record for each temperature and frequency, in the units that its keys name.
+    """Returns one record for each temperature and frequency, in the units that its keys name.
 
-    `given` says what `amount` is: "relative_humidity_percent", "absolute_humidity_g_m3" or
-    "vapour_pressure_hpa". Raises ValueError for what the model does not cover.
+    `given` is the name of the quantity that `amount` measures: "relative_humidity_percent",
+    "absolute_humidity_g_m3" or "vapour_pressure_hpa". Raises ValueError for what the model does not
+    cover.
     """
     kelvin, ghz = (
         grid.ravel() for grid in np.meshgrid(temperature_k, frequency_ghz, indexing="ij")
@@ -77,7 +78,7 @@ def records(
         vapour = humidity.vapour_pressure_from_absolute(amount, kelvin)
     else:
         vapour = np.full(kelvin.shape, amount)
-    found = attenuation(model, ghz, kelvin, pressure_hpa, vapour)
+    of_air = attenuation(model, ghz, kelvin, pressure_hpa, vapour)
     columns = (
         ghz,
         kelvin,
@@ -85,18 +86,19 @@ def records(
         vapour,
         humidity.relative_humidity(vapour, kelvin),
         humidity.absolute_humidity(vapour, kelvin),
-        found.dry_db_km,
-        found.vapour_db_km,
-        found.total_db_km,
-        found.total_per_m,
+        of_air.dry_db_km,
+        of_air.vapour_db_km,
+        of_air.total_db_km,
+        of_air.total_per_m,
     )
     return [dict(zip(COLUMNS, map(float, row), strict=True)) for row in zip(*columns, strict=True)]
 
 
 def figure(rows: list[dict[str, float]], path: Path) -> None:
-    """Writes a PNG of attenuation, moist and dry: along frequency or temperature, whichever has more values.
+    """Writes a PNG of the attenuation of moist and dry air.
 
-    The paper's figure 5 is 100 to 1000 GHz at 288.15 K and 50 %.
+    Its abscissa is frequency or temperature, whichever has more values. Figure 5 of O'Brien and
+    Tofsted shows 100 to 1000 GHz at 288.15 K and 50 % relative humidity.
     """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
@@ -135,7 +137,7 @@ def figure(rows: list[dict[str, float]], path: Path) -> None:
 
 
 def _moisture(rows: list[dict[str, float]]) -> str:
-    """The humidity that is the same in all of some rows, in words."""
+    """Returns the humidity, in the first form that is the same in all rows, with its unit."""
     units = {
         "relative_humidity_percent": "% RH",
         "absolute_humidity_g_m3": "g/m³",

@@ -1,1 +1,1 @@
-"""How far numbers can be trusted."""
+"""The error budget, which measures the errors of a run's images."""

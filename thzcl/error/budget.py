@@ -1,13 +1,13 @@
-"""The error budget of a run: some of its rays again, without what makes the run fast.
+"""The error budget of a run: some rays are computed again, without the shortcuts of a run.
 
-Each shortcut is blamed for its own part. Rays are drawn from everything that the image shows, in
-proportion; root mean squares are over the image's pixels. The specs here are roots of the graph
-that made the images, and read its fields, ends and shadings.
+Each shortcut is given its own part of the error. Rays are drawn from everything that the image
+shows, in proportion, and root mean squares are over the image's pixels. The specs of the budget are
+roots of the graph that makes the images; they read its cubes, ends and radiances.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -30,10 +30,10 @@ Array = NDArray[np.float64]
 
 
 class Part(NamedTuple):
-    """The error that one shortcut makes: over the pixels, at most, and over the contrast.
+    """The error of one shortcut: its root mean square over the pixels, and its maximum.
 
-    `rms` and `max` are in kelvins of the air's brightness (of echoes: parts of the power sent),
-    `relative` is rms over the largest contrast in the image.
+    `rms` and `max` are in kelvins of brightness temperature near the air's; for echoes they are
+    parts of the power sent. `relative` is `rms` divided by the largest contrast in the image.
     """
 
     rms: float
@@ -42,24 +42,24 @@ class Part(NamedTuple):
 
 
 def worst(found: Iterable[Mapping[str, Part]]) -> dict[str, Part]:
-    """Returns part by part the largest."""
-    merged: dict[str, Part] = {}
+    """Returns, for each part, the largest errors of several images."""
+    largest: dict[str, Part] = {}
     for parts in found:
         for name, part in parts.items():
-            merged[name] = Part(*map(max, part, merged.get(name, part)))
-    return merged
+            largest[name] = Part(*map(max, part, largest.get(name, part)))
+    return largest
 
 
 @dataclass(frozen=True)
 class Attenuated:
-    """What surfaces send, less what the air of all ways takes: Beer and Lambert."""
+    """Light that the air of all ways attenuates, by the law of Beer and Lambert."""
 
     trips: int
 
     def contrast(
         self, absorber: Absorber, frequency_hz: Array, ways: tuple[Path, ...], source: Array
     ) -> Array:
-        """Returns what reaches the camera of `source`, both (frequency, ray)."""
+        """Returns the contrast that reaches the camera from `source`, both (frequency, ray)."""
         del frequency_hz
         depth = sum(twin.depth(absorber, way) for way in ways)
         return np.asarray(source * np.exp(-self.trips * depth))
@@ -67,14 +67,14 @@ class Attenuated:
 
 @dataclass(frozen=True)
 class Emitted:
-    """What surfaces send and what air of fluctuating temperature adds."""
+    """Light that air of fluctuating temperature attenuates, and to which its emission adds."""
 
     air_k: float
 
     def contrast(
         self, absorber: Absorber, frequency_hz: Array, ways: tuple[Path, ...], source: Array
     ) -> Array:
-        """Returns what reaches the camera, `source` being the surfaces', (frequency, ray)."""
+        """Returns the contrast that reaches the camera from air and `source`, (frequency, ray)."""
         return twin.emission(absorber, frequency_hz, self.air_k, ways[0], source)
 
 
@@ -83,7 +83,7 @@ Transfer = Attenuated | Emitted
 
 @frozen
 class Light:
-    """What reaches the camera along given rays, in float64."""
+    """The float64 twin of what reaches the camera along given rays."""
 
     air: Air
     sources: Sources
@@ -91,30 +91,30 @@ class Light:
     transfer: Transfer
 
     def planes(self, absorber: Absorber, walked: Walked, ways: tuple[Path, ...]) -> Array:
-        """Returns contrast, (plane, ray)."""
+        """Returns the contrast that rays bring to the camera, (plane, ray)."""
         nodes, surface = self.spectrum.nodes_hz.array, walked.surface
         table = self.sources.table(nodes)
-        behind = np.minimum(surface + 1, len(table) - 1)
+        following = np.minimum(surface + 1, len(table) - 1)
         blend = walked.blend[:, None]
-        source = (table[surface] + blend * (table[behind] - table[surface])).T
-        seen = self.transfer.contrast(absorber, nodes, ways, source)
-        return np.asarray(self.spectrum.planes(seen) * walked.gain)
+        source = (table[surface] + blend * (table[following] - table[surface])).T
+        contrast = self.transfer.contrast(absorber, nodes, ways, source)
+        return np.asarray(self.spectrum.planes(contrast) * walked.gain)
 
     def exact(self, expansion: Expansion) -> Absorber:
-        """Returns absorption without a polynomial, over what an expansion covers."""
+        """Returns the absorption of the air's own model, over the spans of an expansion."""
         spans = expansion.humidity_span, expansion.temperature_span
         return twin.exact(self.air, self.spectrum.nodes_hz.array, *spans)
 
     def per_unit(self) -> Array:
-        """Returns radiance to a kelvin of the air's brightness, (plane, 1)."""
+        """Returns the change of radiance for one kelvin near the air's temperature, (plane, 1)."""
         nodes = self.spectrum.nodes_hz.array
         return np.asarray(self.spectrum.planes(self.sources.per_unit(nodes)))[:, None]
 
     def part(self, error: Array, weight: Array, contrast: NDArray[np.floating]) -> Part:
-        """Returns an error (plane, ray) in numbers: the worst plane's.
+        """Returns the numbers of an error (plane, ray), which are those of the worst plane.
 
-        `weight` (ray,) says how much of the image each ray stands for; `contrast` (plane, ...) is
-        the image's.
+        `weight` (ray,) is the part of the image that each ray stands for, and `contrast`
+        (plane, ...) is the contrast of the image.
         """
         if not weight.any():
             return Part(0.0, 0.0, 0.0)
@@ -128,20 +128,20 @@ class Light:
 
 @frozen
 class ErrorSpec(Spec):
-    """What each shortcut of a shading cost: the rays as the run had them, and without it."""
+    """The errors of the shortcuts: some rays of the run are compared with their float64 twins."""
 
     rays: ShadeSpec | CarriedSpec
     walk: WalkSpec
     expansion: ExpansionSpec | TrimmedSpec
     light: Light
-    resolved: Light  # a band summed far more finely; the same light where there is no band
+    resolved: Light  # with a band summed far more finely; equal to `light` without a band
     reads = ("rays", "walk", "expansion")
     stage = "error-budget"
 
     def run(
         self, device: Device, rays: Rays, walk: Walked, expansion: Expansion
     ) -> dict[str, Part]:
-        """Returns errors by part."""
+        """Returns the errors by part: arithmetic, surrogate, cut-off, band and interpolation."""
         del device
         light, span = self.light, expansion.humidity_span
         exact = light.exact(expansion)
@@ -161,11 +161,14 @@ class ErrorSpec(Spec):
         return parts | self._thinned(errors["arithmetic"], rays, walk)
 
     def _thinned(self, error: Array, rays: Rays, walk: Walked) -> dict[str, Part]:
-        """Returns the error of interpolated rays, and the arithmetic's of the others."""
-        apart = rays.interpolated.ravel()[walk.number]
+        """Returns the error of interpolated rays, and that of the arithmetic for the others.
+
+        Returns nothing if no ray is interpolated.
+        """
+        interpolated = rays.interpolated.ravel()[walk.number]
         if not rays.interpolated.any():
             return {}
-        kinds = {"ray-stride": apart, "arithmetic": ~apart}
+        kinds = {"ray-stride": interpolated, "arithmetic": ~interpolated}
         return {
             name: self.light.part(error, walk.weight * some, rays.contrast)
             for name, some in kinds.items()
@@ -173,7 +176,7 @@ class ErrorSpec(Spec):
 
 
 def _as_cut(rays: Rays, walk: Walked, ways: tuple[Path, ...]) -> tuple[Walked, tuple[Path, ...]]:
-    """Returns walked rays, and their ways, as far as the run followed them."""
+    """Returns walked rays, and their ways, cut off where the run ended them."""
     ended = (rays.shown.ravel()[walk.number] == 0) & (walk.surface != 0)
     if not ended.any():
         return walk, ways
@@ -184,7 +187,7 @@ def _as_cut(rays: Rays, walk: Walked, ways: tuple[Path, ...]) -> tuple[Walked, t
 
 @frozen
 class SamplingSpec(Spec):
-    """What doubling a pixel's samples each way changes."""
+    """The error of sampling pixels: the change if their samples are doubled each way."""
 
     rays: AnyRays
     fine: FineWalkSpec
@@ -197,24 +200,24 @@ class SamplingSpec(Spec):
     def run(
         self, device: Device, rays: Rays, fine: FinePixels, expansion: Expansion
     ) -> dict[str, Part]:
-        """Returns the error as "pixel-sampling"."""
+        """Returns the error, by the name "pixel-sampling"."""
         del device
         walked = fine.walked
         ways = walked.paths(expansion.humidity_span)
         contrast = self.light.planes(self.light.exact(expansion), walked, ways)
         finely = contrast.reshape(len(contrast), len(fine.pixel), -1).mean(axis=2)
         mean = np.full((1, *self.steps.block), 1 / np.prod(self.steps.block))
-        had = weigh(rays.contrast, mean, self.steps)
-        error = had.reshape(len(had), -1)[:, fine.pixel] - finely
+        coarse = weigh(rays.contrast, mean, self.steps)
+        error = coarse.reshape(len(coarse), -1)[:, fine.pixel] - finely
         return {"pixel-sampling": self.light.part(error, fine.weight, rays.contrast)}
 
 
 @frozen
 class LatticeErrorSpec(Spec):
-    """What another lattice of rays, as fine, changes where optics blur what surfaces show.
+    """The error of a lattice of rays under optics: the change with another lattice as fine.
 
-    Pixels are weighed by the contrast that they show: thin things are seen by a few pixels, and
-    what is dark shows no error.
+    Pixels are weighted by their contrast, since thin things are seen by only a few of them, and
+    pixels without contrast show no error.
     """
 
     lattice: SumSpec
@@ -224,14 +227,13 @@ class LatticeErrorSpec(Spec):
     stage = "error-budget"
 
     def run(self, device: Device, lattice: Pixels, other: Pixels) -> dict[str, Part]:
-        """Returns the error as "pixel-sampling": of two alike, that of one."""
+        """Returns the error, by the name "pixel-sampling".
+
+        It is the difference over the square root of 2, since the errors of the two lattices are
+        independent and equal on average.
+        """
         del device
         planes = len(lattice.contrast)
         error = ((lattice.contrast - other.contrast) / np.sqrt(2)).reshape(planes, -1)
         weight = np.abs(lattice.contrast).reshape(planes, -1).mean(axis=0)
         return {"pixel-sampling": self.light.part(error, weight, lattice.contrast)}
-
-
-def merged(found: Iterator[Mapping[str, Part]]) -> dict[str, Part]:
-    """Returns the parts of one image, from all the specs that look at it."""
-    return {name: part for parts in found for name, part in parts.items()}

@@ -1,4 +1,4 @@
-"""Rays that are followed again: drawn from what an image shows, and walked through the cube."""
+"""Rays of the error budget: drawn from those of an image, and walked through the cube again."""
 
 from __future__ import annotations
 
@@ -27,26 +27,31 @@ from thzcl.turbulence.orientation import ROTATIONS
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
-RAYS = 200  # that are followed again
-PIXELS = 32  # whose samples are doubled
-WORK = 60_000  # segments, times frequencies where temperature fluctuates, for fewer rays beyond
-FEWEST = 8
+RAYS = 200  # the most rays that are followed again
+PIXELS = 32  # the most pixels whose samples are doubled
+WORK = 60_000  # segments, or segments times frequencies, beyond which there are fewer rays
+FEWEST = 8  # the fewest rays that are followed again
 
 
 @dataclass(frozen=True)
 class Way:
-    """Straight lines through the air, (ray, segment): lengths in m, and what is met there."""
+    """Straight lines through the air, in segments: arrays (ray, segment).
+
+    `length` is in m, `delta` the humidity over its mean less 1, and `offset` the temperature's
+    departure from the mean in K, or None in isothermal air.
+    """
 
     length: Array
     delta: Array
-    offset: Array | None  # departure from the mean temperature, K
+    offset: Array | None
 
 
 @dataclass(frozen=True)
 class Walked:
     """Rays that were followed again: their numbers, weights of sum 1, and where they end.
 
-    `gain` (ray,) multiplies what comes back along each.
+    `surface` and `blend` are those of RayEnds, and `gain` multiplies the contrast that a ray
+    brings; all are (ray,).
     """
 
     number: Integers
@@ -54,29 +59,34 @@ class Walked:
     surface: NDArray[np.int32]
     blend: Array
     gain: Array
-    ways: tuple[Way, ...]  # the ray's own, and one from a transmitter
+    ways: tuple[Way, ...]  # the camera's ray, and the way from a transmitter if there is one
 
     @cached_property
-    def _known(self) -> dict[Span, tuple[Path, ...]]:
+    def _paths(self) -> dict[Span, tuple[Path, ...]]:
+        """Returns the paths that have been made, by their span of humidity."""
         return {}
 
     def paths(self, span: Span) -> tuple[Path, ...]:
-        """Returns the ways as paths whose humidity lies within `span`; airs alike share them."""
-        if span not in self._known:
-            self._known[span] = tuple(
+        """Returns the ways as paths whose humidity lies within `span`.
+
+        Paths with the same span are one object, so that their moments are computed once.
+        """
+        if span not in self._paths:
+            self._paths[span] = tuple(
                 Path(way.length, way.delta, way.offset, span) for way in self.ways
             )
-        return self._known[span]
+        return self._paths[span]
 
     def ended(self, ended: NDArray[np.bool_]) -> Walked:
-        """Returns rays of which those that the cut-off ended meet nothing."""
+        """Returns the rays with the surface 0 for those in `ended` (ray,), which were cut off."""
         return replace(self, surface=np.where(ended, np.int32(0), self.surface))
 
 
 def affordable(mean_length_m: float, voxel_m: float, work: float) -> int:
     """Returns how many rays can be followed again at little cost.
 
-    `mean_length_m` is that of all ways of a ray together, `work` how often each segment counts.
+    `mean_length_m` is the mean length of all ways of a ray together, and `work` the number of times
+    that each segment counts.
     """
     each = (1.7 * mean_length_m / voxel_m + 3) * work
     return int(np.clip(WORK / each, FEWEST, RAYS))
@@ -86,7 +96,7 @@ def affordable(mean_length_m: float, voxel_m: float, work: float) -> int:
 class Lines:
     """Straight lines in the world: starts and unit directions (ray, 3), lengths (ray,) in m.
 
-    `place` holds the row and the column (ray,) of each in the raster that the run traced.
+    `place` holds the row and the column, both (ray,), of each in the raster that the run traced.
     """
 
     start: Array
@@ -96,23 +106,23 @@ class Lines:
 
 
 class Even:
-    """Even air."""
+    """Air that is the same everywhere."""
 
     def way(self, lines: Lines) -> Way:
-        """Returns one segment for each line."""
+        """Returns the way along some lines, with one segment each."""
         length = lines.length[:, None]
         return Way(length, np.zeros(length.shape), None)
 
 
 @dataclass(frozen=True)
 class Voxels:
-    """A cube as rays cross it."""
+    """A cube of air and its motion."""
 
     field: Field
     motion: Motion
 
     def way(self, lines: Lines) -> Way:
-        """Returns what lines meet in the cube, with all crossings of voxel faces sorted."""
+        """Returns the way along some lines, with one segment for each voxel that they cross."""
         field, turn = self.field, ROTATIONS[self.motion.orientation].T
         origin = np.broadcast_to(lines.start, lines.direction.shape)
         if self.motion.times_s is not None:
@@ -133,7 +143,7 @@ Air = Even | Voxels
 
 @frozen
 class EvenAirSpec(Spec):
-    """Even air, to walk through."""
+    """Air that is the same everywhere, for the error budget."""
 
     stage = "error-budget"
 
@@ -145,7 +155,7 @@ class EvenAirSpec(Spec):
 
 @frozen
 class VoxelAirSpec(Spec):
-    """A cube, to walk through."""
+    """A cube of air, for the error budget."""
 
     field: AnyField
     motion: Motion
@@ -160,44 +170,46 @@ class VoxelAirSpec(Spec):
 
 @frozen
 class WalkSpec(Spec):
-    """Some rays of an image, drawn from all that it shows."""
+    """Some rays of an image, drawn from all that it shows and walked through the air."""
 
     air: EvenAirSpec | VoxelAirSpec
     ends: EndsSpec
     out: OutgoingSpec | None
-    targets: Values  # (surface,): flags of what each surface belongs to
+    targets: Values  # (surface,): flag of the target that each surface belongs to
     rays: int
     seed: int
-    segments_a_ray: float = field(compare=False)  # at most, about
+    segments_a_ray: float = field(compare=False)  # about the most
     reads = ("air", "ends", "out")
     stage = "error-budget"
 
     def run(self, device: Device, air: Air, ends: RayEnds, out: RayEnds | None) -> Walked:
-        """Returns the rays with what is met along them."""
+        """Returns the rays with the air along them."""
         del device
         number, weight = drawn(ends, self.targets.array, self.rays, self.seed)
         place = np.divmod(number, ends.geometry.raster.columns)
         return _followed(air, ends, out, number, number, place, weight)
 
     def memory(self) -> Memory:
-        """Returns three float64 values a segment, and what sorting needs."""
+        """Returns the sizes of the segments' arrays, and of those that sort them."""
         segments = int(self.rays * self.segments_a_ray)
         return Memory((24 * segments,), (48 * segments,))
 
 
-def drawn(ends: RayEnds, targets: Any, count: int, seed: int) -> tuple[Integers, Array]:
-    """Returns numbers and weights of rays in the image's frame.
+def drawn(ends: RayEnds, targets: NDArray[Any], count: int, seed: int) -> tuple[Integers, Array]:
+    """Returns the numbers and the weights, of sum 1, of about `count` rays of an image.
 
-    From each thing that it shows there are as many as it has a share in it, but some of each.
+    Each target that the image shows has rays in proportion to its share of the image, but at least
+    two and at least an eighth of `count`, if it has as many. `targets` (surface,) holds the flag of
+    the target that each surface belongs to.
     """
     raster, rng = ends.geometry.raster, np.random.Generator(np.random.Philox(key=[seed, 1]))
     m = raster.margin
     all_rays = np.arange(raster.rays).reshape(raster.rows, raster.columns)
     inside = all_rays[m : raster.rows - m, m : raster.columns - m].ravel()
-    things = targets[ends.surface.host()[: raster.rays]][inside]
+    shown = targets[ends.surface.host()[: raster.rays]][inside]
     picks, weights = [], []
-    for thing in sorted({*targets.tolist()}):
-        members = np.flatnonzero(things == thing)
+    for target in sorted({*targets.tolist()}):
+        members = np.flatnonzero(shown == target)
         if not len(members):
             continue
         n = min(len(members), max(count // 8, round(count * len(members) / len(inside)), 2))
@@ -215,7 +227,11 @@ def _followed(
     place: tuple[Integers, Integers],
     weight: Array,
 ) -> Walked:
-    """Returns rays by number, walked; `slots` says where among the ends theirs are found."""
+    """Returns rays that are walked through the air.
+
+    `number` (ray,) are their numbers in the raster of `ends`, `slots` (ray,) their indices in the
+    arrays of `ends`, and `place` their rows and columns in the raster that the run traced.
+    """
     shape = ends.geometry
     direction = camera.directions(shape.frame.array, shape.raster, number)
     norm = np.linalg.norm(direction, axis=1)
@@ -236,7 +252,7 @@ def _followed(
 
 @dataclass(frozen=True)
 class FinePixels:
-    """Pixels with more samples: their rays, numbers, and weights of sum 1."""
+    """Pixels with more samples: their rays, pixel by pixel, their numbers and their weights."""
 
     walked: Walked
     pixel: Integers
@@ -245,7 +261,7 @@ class FinePixels:
 
 @frozen
 class FineWalkSpec(Spec):
-    """Some pixels with twice as many samples each way; half of them where something ends."""
+    """Some pixels with twice as many samples each way, half of them at edges of surfaces."""
 
     air: EvenAirSpec | VoxelAirSpec
     ends: EndsSpec
@@ -276,7 +292,7 @@ class FineWalkSpec(Spec):
 
 
 def _near_edges(ends: RayEnds, rays: int, seed: int) -> tuple[Integers, Array]:
-    """Returns numbers and weights of pixels, half of them where a neighbour shows another thing."""
+    """Returns numbers and weights of pixels, half of them beside a pixel of another surface."""
     raster, rng = ends.geometry.raster, np.random.Generator(np.random.Philox(key=[seed, 2]))
     rows, columns = raster.block
     surface = ends.surface.host()[: raster.rays].reshape(raster.rows, raster.columns)
@@ -296,7 +312,7 @@ def _near_edges(ends: RayEnds, rays: int, seed: int) -> tuple[Integers, Array]:
 
 
 def _doubled(shape: Geometry, pixel: Integers) -> tuple[Geometry, Integers]:
-    """Returns a raster of twice as many rays each way, and the numbers of some pixels' rays."""
+    """Returns a raster with twice as many rays each way, and the numbers of some pixels' rays."""
     raster, frame = shape.raster, shape.frame.array.copy()
     rows, columns = raster.block
     block = 2 * rows, 2 * columns

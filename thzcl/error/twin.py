@@ -1,10 +1,10 @@
-"""The physics once more in float64 NumPy, without what makes a run fast: errors are measured by it.
+"""The float64 twin: the physics in NumPy without a run's shortcuts, by which errors are measured.
 
-A twin takes from a run the cube and where rays end, and shares nothing else with the kernels. All
-crossings of a ray with voxel faces are listed and sorted; there is no cut-off; every segment emits
-for itself. Planck's law is written otherwise than in `thzcl.air.radiometry`, so that a mistake in
-one of the two shows as an error. The error budget follows some rays of an image through it, and
-`thzcl stress` holds its cases to it.
+A twin takes from a run the cube and the ends of rays, and shares nothing else with the kernels. All
+crossings of a ray with voxel faces are listed and sorted, there is no cut-off, and every segment
+emits for itself. Planck's law is written otherwise than in `thzcl.air.radiometry`, so that a
+mistake in one of the two shows as an error. The error budget computes some rays of an image with
+the twin, and `thzcl stress` compares its cases with it.
 """
 
 from __future__ import annotations
@@ -22,15 +22,15 @@ from thzcl.air.radiometry import BOLTZMANN, LIGHT_SPEED, PLANCK
 
 Array = NDArray[np.float64]
 Span = tuple[float, float]
-NEGLIGIBLE = 1e-15  # of the largest term: terms of a Chebyshev series below it are left out
-TERMS_AT_ONCE = 16  # more than most airs need, so that the next to ask for moments finds them
+NEGLIGIBLE = 1e-15  # of the largest term: smaller terms of a Chebyshev series are left out
+TERMS_AT_ONCE = 16  # moments that are computed together, more than most airs need
 
 
 class Path:
     """Rays through a cube, as arrays (ray, segment): lengths in m, and the air of each segment.
 
     `delta` is humidity over its mean less 1 and lies within `span`; `offset` is the temperature's
-    departure from the mean in K, or None in isothermal air. Segments of length 0 pad.
+    departure from the mean in K, or None in isothermal air. Segments of length 0 pad the arrays.
     """
 
     def __init__(self, length: Array, delta: Array, offset: Array | None, span: Span) -> None:
@@ -38,7 +38,7 @@ class Path:
         self._moments: list[Array] = []
 
     def cut(self, path_m: Array) -> Path:
-        """Returns the rays as far as `path_m` (ray,), in metres."""
+        """Returns the rays cut off after `path_m` (ray,), in metres."""
         before = np.cumsum(self.length, axis=1) - self.length
         length = np.clip(path_m[:, None] - before, 0.0, self.length)
         return Path(length, self.delta, self.offset, self.span)
@@ -46,7 +46,7 @@ class Path:
     def moments(self, count: int) -> Array:
         """Returns the integrals of T_k(delta) along the rays for k < `count`, (k, ray), in m.
 
-        They are all that the depth of isothermal air needs, at any frequency.
+        The depth of isothermal air at any frequency is a sum over them.
         """
         if count > len(self._moments):
             terms = chebyshev(self.delta, self.span, max(count, TERMS_AT_ONCE))
@@ -61,7 +61,8 @@ def walk(
 
     `origin` and unit `direction` (ray, 3) are in the cube's axes, the origin in voxels; `path_m`
     (ray,) is in metres. The segments are lengths in m and voxel numbers in the flattened cube, both
-    (ray, segment); those of length 0 pad. A segment lies in the voxel that holds its middle.
+    (ray, segment); segments of length 0 pad the arrays. A segment lies in the voxel that holds its
+    middle.
     """
     end = path_m[:, None] / voxel_m
     crossings = [np.zeros_like(end), end]
@@ -85,8 +86,8 @@ def walk(
 class Absorber:
     """Absorption in 1/m as a Chebyshev series (frequency, humidity, temperature) over two spans.
 
-    Through 33 nodes each way, MPM93 is met to 1e-12 of the most that it absorbs even at the centres
-    of lines (1e-11 at 1 hPa), and a thousand times faster than by the model itself.
+    With 33 nodes each way it agrees with MPM93 to 1e-12 of the largest absorption (1e-11 at 1 hPa),
+    even at the centres of lines, and is a thousand times faster than the model itself.
     """
 
     series: Array
@@ -108,9 +109,9 @@ class Absorber:
 
 
 def exact(air: Air, frequency_hz: Array, humidity_span: Span, temperature_span: Span) -> Absorber:
-    """Returns what the air's own model absorbs over the spans, as far as its vapour can go.
+    """Returns the absorption of the air's own model over the spans that are possible for the air.
 
-    Images in the same air share it: the model is asked once.
+    It is computed once for all images in the same air.
     """
     spans = possible(air, humidity_span), temperature_span
     return _exact(air, tuple(np.asarray(frequency_hz, dtype=np.float64).tolist()), spans)
@@ -118,6 +119,7 @@ def exact(air: Air, frequency_hz: Array, humidity_span: Span, temperature_span: 
 
 @lru_cache(maxsize=8)
 def _exact(air: Air, frequencies: tuple[float, ...], spans: tuple[Span, Span]) -> Absorber:
+    """Returns what `exact` describes, from arguments that can be hashed."""
     hz = np.array(frequencies)[:, None, None]
     series = chebyshev_series(lambda d, t: air.absorption(hz, d, t), *spans)
     size = np.abs(series).max(axis=0)
@@ -129,7 +131,7 @@ def _exact(air: Air, frequencies: tuple[float, ...], spans: tuple[Span, Span]) -
 
 
 def of_surrogate(surrogate: Expansion) -> Absorber:
-    """Returns what the polynomial that a run used absorbs."""
+    """Returns the absorption of the expansion that a run used."""
     spans = (surrogate.humidity_span, surrogate.temperature_span)
     _, humidity, temperature = surrogate.coefficients.shape
     series = chebyshev_series(surrogate.absorption, *spans)
@@ -137,7 +139,7 @@ def of_surrogate(surrogate: Expansion) -> Absorber:
 
 
 def chebyshev(values: Array, span: Span, count: int) -> Iterator[Array]:
-    """Yields T_0 to T_(count-1) of values within a span, in their shape."""
+    """Yields the Chebyshev polynomials T_0 to T_(count-1) of values in a span, in their shape."""
     u = (2 * values - (span[0] + span[1])) / ((span[1] - span[0]) or 1.0)
     before, now = np.ones_like(u), u.copy()
     u *= 2
@@ -161,7 +163,7 @@ def emission(
 ) -> Array:
     """Returns contrast to the mean air's radiance where temperature fluctuates, (frequency, ray).
 
-    `source` (frequency, ray) is the contrast of what the rays end at.
+    `source` (frequency, ray) is the contrast at the ends of the rays.
     """
     assert path.offset is not None  # noqa: S101 (isothermal air needs no such sum)
     kelvin = air_k + path.offset
@@ -178,8 +180,9 @@ def transfer(tau: Array, emitted: Array, behind: Array) -> Array:
     """Returns the contrast that rays (...) bring through segments (..., segment), nearest first.
 
     `tau` is the depth of each segment, `emitted` the contrast of a black body of its temperature,
-    `behind` (...) that of what the rays end at. Exact where absorption is constant within a
-    segment: O'Brien and Tofsted, equation (2), with the mean air's radiance taken off every term.
+    and `behind` (...) the contrast at the ends of the rays. It is exact if absorption is constant
+    within each segment: O'Brien and Tofsted, equation (2), with the mean air's radiance subtracted
+    from every term.
     """
     through = np.exp(tau - np.cumsum(tau, axis=-1))
     of_air = (through * -np.expm1(-tau) * emitted).sum(axis=-1)
@@ -189,7 +192,7 @@ def transfer(tau: Array, emitted: Array, behind: Array) -> Array:
 def planck(frequency_hz: Array, temperature_k: float) -> Array:
     """Returns the spectral radiance of a black body above 0 K, W m-2 sr-1 Hz-1.
 
-    With a = h nu / (2 k T) it holds n = exp(-a) / (2 sinh(a)) photons in each mode.
+    With a = h nu / (2 k T) there are n = exp(-a) / (2 sinh(a)) photons in each mode.
     """
     half = PLANCK * frequency_hz / (2 * BOLTZMANN * temperature_k)
     return np.asarray(_per_photon(frequency_hz) * np.exp(-half) / (2 * np.sinh(half)))
@@ -201,9 +204,9 @@ def planck_difference(
     """Returns B(T) - B(T_r) in W m-2 sr-1 Hz-1; frequency and temperature broadcast.
 
     With a = h nu / (2 k T), and b for the reference, the photons in each mode differ by
-    (coth a - coth b) / 2 = tanh(b - a) (1 / (tanh a tanh b) - 1) / 2. That holds from 0 K, where a
-    is infinite, to any temperature, and keeps its digits however close the two are, as long as the
-    reference is not cold (h nu below about 5 k T_r).
+    (coth a - coth b) / 2 = tanh(b - a) (1 / (tanh a tanh b) - 1) / 2. This holds from 0 K, where a
+    is infinite, to any temperature. It keeps its digits however close the two temperatures are, if
+    the reference is not cold (h nu below about 5 k T_r).
     """
     kelvin = np.asarray(temperature_k, dtype=np.float64)
     half_k = PLANCK * np.asarray(frequency_hz, dtype=np.float64) / (2 * BOLTZMANN)

@@ -1,1 +1,1 @@
-"""What rays go through on their way."""
+"""The paths of rays through the air, traced from voxel to voxel."""

@@ -1,6 +1,6 @@
-"""Depth and radiance carried along the path, where air temperature fluctuates.
+"""Optical depth and radiance summed up along paths through air whose temperature fluctuates.
 
-Path moments no longer suffice there, since what the air emits varies along the path.
+The emission of such air varies along the path, so that path moments do not suffice.
 """
 
 from __future__ import annotations
@@ -21,8 +21,8 @@ from thzcl.surfaces.radiance import Sources
 
 Array = NDArray[np.float64]
 AT_ONCE = 8  # frequencies that one pass carries
-THIN = 1 / 8  # depth of a voxel up to which a series does for the exponential
-PLANCK_NODES = 16  # of Planck's law over the temperatures that occur
+THIN = 1 / 8  # depth of a voxel up to which a series replaces the exponential
+PLANCK_NODES = 16  # temperatures at which Planck's law is fitted
 KERNELS = (
     "surfaces/camera",
     "paths/march",
@@ -34,10 +34,11 @@ KERNELS = (
 
 @dataclass(frozen=True)
 class Carried:
-    """Optical depth and contrast at the end of rays, both (frequency, ray), on the host.
+    """Optical depth and contrast that rays bring, both (frequency, ray), on the host.
 
-    Contrast is radiance above the mean air's, W m-2 sr-1 Hz-1, or the part that comes back.
-    `path_length` and `surface` (ray,) are those of the ends, but for rays that were cut off.
+    Contrast is radiance less that of the mean air, in W m-2 sr-1 Hz-1, or the part of a
+    transmitter's power that comes back. `path_length` in m and `surface`, both (ray,), are those of
+    the rays' ends; a ray that the cut-off ended is shorter, and its surface is 0.
     """
 
     depth: NDArray[Any]
@@ -48,20 +49,21 @@ class Carried:
 
 @dataclass(frozen=True)
 class Emitting:
-    """What an emission trace needs to know of the air and the surfaces.
+    """The tables of an emission trace, which describe the air and the surfaces.
 
-    `coefficients` (frequency, humidity power, temperature power) per metre, `planck` (frequency,
-    power) of B(T) - B(T_mean) in powers of T - T_mean, `sources` (surface, frequency).
+    `coefficients` (frequency, humidity power, temperature power) in 1/m are those of absorption,
+    `planck` (frequency, power) those of B(T) - B(T_mean) in powers of T - T_mean, and `sources`
+    (surface, frequency) is the contrast that surfaces send.
     """
 
     coefficients: Array
-    counts: tuple[int, ...]  # temperature powers that there are with each humidity power
-    densest: float  # the most that the air absorbs anywhere, at any frequency, 1/m
+    counts: tuple[int, ...]  # temperature powers of each humidity power that are not 0
+    densest: float  # bound on absorption in the cube at any frequency, 1/m
     planck: Array
     sources: Array
 
     def some(self, first: int) -> Emitting:
-        """Returns the tables of those frequencies from `first` that one pass carries."""
+        """Returns the tables for the frequencies of one pass, which start at number `first`."""
         part = slice(first, first + AT_ONCE)
         return replace(
             self,
@@ -74,7 +76,7 @@ class Emitting:
 def emitting(
     expansion: Expansion, span: tuple[float, float], sources: Sources, precision: str
 ) -> Emitting:
-    """Returns tables for an emission trace over a span of temperatures."""
+    """Returns the tables of an emission trace; `span` bounds the temperature's departure in K."""
     frequency_hz = expansion.frequency_hz
     planck = np.zeros((len(frequency_hz), 1))
     if sources.air_emits:
@@ -94,7 +96,10 @@ def trace_emission(
     cutoff: float | None,
     precision: str,
 ) -> Carried:
-    """Returns optical depth and contrast, the path's own emission included."""
+    """Returns the optical depth and the contrast of rays, the emission along them included.
+
+    A ray ends at the optical depth `cutoff`, or goes to its end if that is None.
+    """
     changed = changed_ends(device, ends, cutoff)
     parts = [
         _emission_pass(device, ends, medium, tables.some(first), cutoff, changed, precision)
@@ -117,22 +122,10 @@ def _emission_pass(
     own_ends: tuple[Buffer, Buffer],
     precision: str,
 ) -> tuple[Buffer, Buffer]:
-    """Returns depth and contrast at a few frequencies, both (frequency, ray)."""
-    (count, powers_d, powers_t), powers_b = tables.coefficients.shape, tables.planck.shape[1]
-    options = march_options(
-        cutoff,
-        ends,
-        medium,
-        FREQUENCIES=count,
-        HUMIDITY_POWERS=powers_d,
-        TEMPERATURE_POWERS=powers_t,
-        PLANCK_POWERS=powers_b,
-    )
-    options += [f"COUNTS={','.join(map(str, tables.counts))}"]
-    options += ["THIN"] if tables.densest * medium.field.voxel_m * math.sqrt(3) <= THIN else []
-    options += ["BILLBOARDS"] if len(ends.blend) > 1 else []
-    program = device.build(KERNELS, precision, options)
-    depth, contrast = (device.empty((count, ends.rays), precision) for _ in range(2))
+    """Returns depth and contrast at the frequencies of some tables, both (frequency, ray)."""
+    program = device.build(KERNELS, precision, _options(ends, medium, tables, cutoff))
+    shape = len(tables.coefficients), ends.rays
+    depth, contrast = (device.empty(shape, precision) for _ in range(2))
     segments = device.empty((ends.rays // device.lanes(precision),), np.int32)
     program.run(
         "emission",
@@ -154,10 +147,29 @@ def _emission_pass(
     return depth, contrast
 
 
-def _planck_powers(expansion: Expansion, span: tuple[float, float], precision: str) -> Array:
-    """Returns B(T_mean + t) - B(T_mean) in powers of t, (frequency, power).
+def _options(ends: RayEnds, medium: Medium, tables: Emitting, cutoff: float | None) -> list[str]:
+    """Returns the build options of an emission pass."""
+    (count, powers_d, powers_t), powers_b = tables.coefficients.shape, tables.planck.shape[1]
+    options = march_options(
+        cutoff,
+        ends,
+        medium,
+        FREQUENCIES=count,
+        HUMIDITY_POWERS=powers_d,
+        TEMPERATURE_POWERS=powers_t,
+        PLANCK_POWERS=powers_b,
+    )
+    options += [f"COUNTS={','.join(map(str, tables.counts))}"]
+    options += ["THIN"] if tables.densest * medium.field.voxel_m * math.sqrt(3) <= THIN else []
+    options += ["BILLBOARDS"] if len(ends.blend) > 1 else []
+    return options
 
-    It holds over a span of t in kelvin, to a tenth of a rounding.
+
+def _planck_powers(expansion: Expansion, span: tuple[float, float], precision: str) -> Array:
+    """Returns the coefficients of B(T_mean + t) - B(T_mean) in powers of t, (frequency, power).
+
+    Over a span of t in kelvin their error is at most a tenth of the rounding of the arithmetic, if
+    a degree of at most 13 suffices for that.
     """
     low, high = min(span[0], 0.0), max(span[1], 0.0)
     largest = max(-low, high)
@@ -165,7 +177,7 @@ def _planck_powers(expansion: Expansion, span: tuple[float, float], precision: s
         (np.arange(PLANCK_NODES) + 0.5) * np.pi / PLANCK_NODES
     )
     mean_k = expansion.air.temperature_k
-    t = (mean_k + t) - mean_k  # what is left of a tiny departure once it is added
+    t = (mean_k + t) - mean_k  # the departure as it is after rounding
     # The slope is fitted, and multiplied by t: the difference is exactly 0 at t = 0.
     slopes = radiometry.planck_difference(expansion.frequency_hz[:, None], mean_k + t, mean_k) / t
     for degree in range(1, PLANCK_NODES - 2):

@@ -1,4 +1,4 @@
-"""From path moments to what reaches the camera, at single frequencies or summed over bands."""
+"""Computes what reaches the camera from path moments, at single frequencies or over bands."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ KERNELS = ("surfaces/source", "paths/attenuate", "paths/shade")
 class Shaded:
     """Optical depth and contrast on the device, both (frequency, ray).
 
-    In bands, the depth is that of their mean transmission.
+    For bands in place of frequencies, the depth is that of a band's mean transmission.
     """
 
     depth: Buffer
@@ -29,9 +29,10 @@ class Shaded:
 def shade(
     device: Device, paths: Paths, coefficients: Array, sources: Array, precision: str
 ) -> Shaded:
-    """Returns depth and contrast of isothermal air at single frequencies.
+    """Returns depth and contrast behind isothermal air at single frequencies.
 
-    `coefficients` (frequency, power) per metre, `sources` (surface, frequency).
+    `coefficients` (frequency, power) in 1/m are those of absorption in powers of delta, `sources`
+    (surface, frequency) is the contrast that surfaces send.
     """
     program, rays = _program(device, paths, precision), len(paths.path_length)
     count, row = len(coefficients), rays + ROWS_APART
@@ -59,13 +60,14 @@ def shade_bands(
     passing: Array,
     precision: str,
 ) -> Shaded:
-    """Returns depth and contrast of isothermal air in bands, without ever storing a spectrum.
+    """Returns depth and contrast behind isothermal air in bands, without storing a spectrum.
 
-    Contrast is summed with `weights`, transmission with `passing`, both (band, frequency).
+    `coefficients` and `sources` are those of `shade`. Contrast is summed with `weights`,
+    transmission with `passing`, both (band, frequency).
     """
     absorbing = np.where(passing > 0, coefficients[:, 0], np.inf)
     thinnest = coefficients[absorbing.argmin(axis=1)]
-    # Of what a band has none of, nothing is summed.
+    # Frequencies that are not in a band add nothing to it.
     beyond = np.where(passing[..., None] > 0, coefficients - thinnest[:, None], 0.0)
     program, rays = _program(device, paths, precision, len(weights)), len(paths.path_length)
     depth, contrast = (device.empty((len(weights), rays), precision) for _ in range(2))
@@ -86,10 +88,12 @@ def shade_bands(
 
 
 def _program(device: Device, paths: Paths, precision: str, bands: int = 0) -> Program:
+    """Returns the shading kernels for some number of moments, and of bands if there are any."""
     options = [f"MOMENTS={len(paths.moments)}", *([f"BANDS={bands}"] if bands else [])]
     options += ["BILLBOARDS"] if len(paths.blend) > 1 else []
     return device.build(KERNELS, precision, options)
 
 
 def _shaded_paths(paths: Paths) -> tuple[Buffer, ...]:
+    """Returns the kernel arguments that describe paths."""
     return paths.path_length, paths.moments, paths.surface, paths.blend

@@ -1,4 +1,4 @@
-"""The ways of rays as specs: straight through even air, or through a cube."""
+"""The specs of paths: straight through even air, or through the voxels of a cube."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _ISOTHERMAL = LeftOut("isothermal air: emission follows from optical depth")
 
 @frozen
 class StraightSpec(Spec):
-    """Rays through even air, of which only the length counts."""
+    """The paths of rays through even air, of which only the length counts."""
 
     ends: AnyEnds
     why: str = dataclass_field(compare=False)  # there is no cube: a reason is no work
@@ -41,7 +41,7 @@ class StraightSpec(Spec):
         return self.ends.camera
 
     def run(self, device: Device, ends: RayEnds) -> Paths:
-        """Returns the lengths."""
+        """Returns the paths, which have lengths but no moments."""
         return trace.straight(device, ends, self.ends.precision)
 
     def describe(self) -> dict[str, Work | LeftOut]:
@@ -56,9 +56,10 @@ class StraightSpec(Spec):
 
 @frozen
 class TraceSpec(Spec):
-    """Rays through the cube of one field, with as many moments as the served fits need.
+    """The paths of rays through a cube, with as many moments as the expansions in `serves` need.
 
-    `fixed` names what the user fixed of "cutoff" and "stride": only what thzcl chose is joined.
+    `fixed` holds those of the names "cutoff" and "stride" whose values the user has fixed. Paths
+    with different values are joined only if thzcl has chosen them.
     """
 
     field: AnyField
@@ -66,7 +67,7 @@ class TraceSpec(Spec):
     serves: tuple[ExpansionSpec, ...]
     motion: Motion
     cutoff: float  # optical depth, one way, at which a ray ends
-    stride: int  # every so many rays are traced, both ways; 1: all
+    stride: int  # every `stride`-th ray of a row and of a column is traced
     fixed: frozenset[str]
     targets: Values  # (surface,): flags of what each surface belongs to
     planned_segments: float = dataclass_field(default=0.0, compare=False)
@@ -85,10 +86,10 @@ class TraceSpec(Spec):
     def run(
         self, device: Device, field: Field, ends: RayEnds, serves: Iterator[Expansion]
     ) -> Paths:
-        """Returns the moments; their number and the guard follow from the fits."""
+        """Returns the paths; their number of moments and their cut-off follow from `serves`."""
         fits, precision = list(serves), self.ends.precision
         moments = max(fit.moments for fit in fits)
-        if not moments:  # air that might as well be even
+        if not moments:  # absorption does not vary, as in even air
             return trace.straight(device, ends, precision)
         guard = _guard(fits, moments, ends, self.cutoff)
         medium = trace.medium(device, field, ends, self.motion)
@@ -98,13 +99,13 @@ class TraceSpec(Spec):
         return trace_thinned(device, ends, medium, moments, guard, *thinned)
 
     def kin(self) -> TraceSpec:
-        """Returns a key that is equal for paths which one trace can serve."""
+        """Returns a key, which is equal for paths that one trace can serve."""
         cutoff = self.cutoff if "cutoff" in self.fixed else 0.0
         stride = self.stride if "stride" in self.fixed else 1
         return replace(self, serves=(), cutoff=cutoff, stride=stride)
 
     def join(self, other: TraceSpec) -> TraceSpec:
-        """Returns the path that serves both: all fits, the deeper cut, the smaller stride."""
+        """Returns the path that serves both: all expansions, deeper cut-off, smaller stride."""
         serves = tuple(dict.fromkeys(self.serves + other.serves))
         cutoff, stride = max(self.cutoff, other.cutoff), min(self.stride, other.stride)
         segments = max(self.planned_segments, other.planned_segments)
@@ -112,11 +113,11 @@ class TraceSpec(Spec):
         return replace(joint, planned_segments=segments)
 
     def planned_moments(self) -> int:
-        """Returns a bound on the moments, before the cube is known."""
+        """Returns an upper bound of the number of moments, before the cube is made."""
         return max(fit.planned().moments for fit in self.serves)
 
     def describe(self) -> dict[str, Work | LeftOut]:
-        """Returns what is traced."""
+        """Returns that rays are traced, and which of them are interpolated."""
         thinned = ""
         if self.stride > 1:
             ray = f"every {self.stride}th ray both ways and the edges"
@@ -124,7 +125,7 @@ class TraceSpec(Spec):
         return {"trace": Work("trace", thinned), "path-emission": _ISOTHERMAL}
 
     def memory(self) -> Memory:
-        """Returns the moments of every ray."""
+        """Returns the size of the moments of every ray."""
         rays, real = self.ends.geometry.raster.rays, np.dtype(self.ends.precision).itemsize
         return Memory((real * rays * self.planned_moments(),))
 
@@ -134,7 +135,10 @@ class TraceSpec(Spec):
 
 
 def _guard(fits: list[Expansion], moments: int, ends: RayEnds, cutoff: float) -> Guard | None:
-    """Returns the depth to watch: that of the frequency and air that absorb least, if any can."""
+    """Returns the guard that ends rays at the cut-off depth, or None if no ray can reach it.
+
+    It watches the depth at the frequency, and in the expansion, that absorb least.
+    """
     rows = [row for fit in fits for row in fit.coefficients[:, :, 0]]
     thinnest = min(rows, key=lambda row: float(row[0]))
     if thinnest[0] * trace.longest_m(ends) < cutoff:
@@ -144,7 +148,7 @@ def _guard(fits: list[Expansion], moments: int, ends: RayEnds, cutoff: float) ->
 
 @frozen
 class RoundTripSpec(Spec):
-    """The way from a transmitter of its own to what a ray meets, and back along the ray."""
+    """The paths from a transmitter to what each ray of the camera meets, and back along the ray."""
 
     back: StraightSpec | TraceSpec
     out: StraightSpec | TraceSpec
@@ -157,11 +161,11 @@ class RoundTripSpec(Spec):
         return self.back.camera
 
     def run(self, device: Device, back: Paths, out: Paths) -> Paths:
-        """Returns lengths and moments of both ways together."""
+        """Returns the paths, with the lengths and moments of both ways added up."""
         return trace.there_and_back(device, back, out)
 
     def memory(self) -> Memory:
-        """Returns as much as each of both ways takes."""
+        """Returns the sizes of the arrays, which are those of one way."""
         return self.back.memory()
 
 
@@ -170,7 +174,7 @@ AnyPath = StraightSpec | TraceSpec | RoundTripSpec
 
 @frozen
 class EmissionSpec(Spec):
-    """Depth and radiance carried along rays through air whose temperature fluctuates."""
+    """Depth and radiance summed up along rays through air whose temperature fluctuates."""
 
     field: AnyField
     ends: AnyEnds
@@ -192,7 +196,7 @@ class EmissionSpec(Spec):
         return "outgoing-path" if isinstance(self.ends, OutgoingSpec) else "path-emission"
 
     def run(self, device: Device, field: Field, ends: RayEnds, expansion: Expansion) -> Carried:
-        """Returns depth and contrast at every frequency."""
+        """Returns the depth and the contrast of every ray at every frequency."""
         precision = self.ends.precision
         tables = emitting(expansion, field.temperature_span, self.sources, precision)
         thinnest = float(expansion.coefficients[:, 0, 0].min())
@@ -202,12 +206,12 @@ class EmissionSpec(Spec):
         return trace_emission(device, ends, medium, tables, cutoff, precision)
 
     def describe(self) -> dict[str, Work | LeftOut]:
-        """Returns that radiance is carried along."""
+        """Returns that radiance is summed up along the path, in place of a trace of moments."""
         carried = LeftOut("path emission carries the depth along")
         return {"trace": carried, "path-emission": Work("", "temperature fluctuates")}
 
     def memory(self) -> Memory:
-        """Returns depth and contrast at every frequency."""
+        """Returns the sizes of depth and contrast at every frequency."""
         rays, real = self.ends.geometry.raster.rays, np.dtype(self.ends.precision).itemsize
         count = self.expansion.expansion.frequency_hz.shape[0]
         return Memory((real * rays * count,) * 2)
@@ -217,16 +221,17 @@ class EmissionSpec(Spec):
         return self.planned_segments
 
 
-def joined(wanted: Iterable[Any]) -> tuple[Any, ...]:
-    """Returns the graph in which paths that are kin have become one.
+def joined(wanted: Iterable[Spec]) -> tuple[Any, ...]:
+    """Returns the wanted specs of the graph in which paths with the same kin() are one path.
 
-    For the variants of a scene, or the members of a study that share rays and cube, only: a knob
-    whose effect is to be seen must not be joined away.
+    It is meant for the variants of a scene, and for members of a study that share rays and cube. It
+    must not be used where the effect of a cut-off or a stride is compared, since it would make them
+    equal.
     """
     wanted = tuple(wanted)
     kin: dict[TraceSpec, list[TraceSpec]] = {}
     for path in everything(wanted):
         if isinstance(path, TraceSpec):
             kin.setdefault(path.kin(), []).append(path)
-    one = {path: reduce(TraceSpec.join, paths) for paths in kin.values() for path in paths}
-    return rewrite(wanted, lambda spec: one.get(spec, spec))
+    joint = {path: reduce(TraceSpec.join, paths) for paths in kin.values() for path in paths}
+    return rewrite(wanted, lambda spec: joint.get(spec, spec))

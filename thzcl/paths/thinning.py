@@ -1,8 +1,8 @@
-"""Fewer rays where neighbours share voxels: a lattice of rays and edges are traced.
+"""Traces fewer rays where neighbours share voxels: those of a lattice, and those at edges.
 
 At a distance many rays pass through the same voxels, so that the means of powers of delta along the
-path, M_k over its length, vary little from one to the next. They are interpolated bilinearly within
-one thing seen; every ray keeps its own length.
+path, M_k over its length, vary little from one ray to the next. Between lattice rays that meet the
+same target these means are interpolated bilinearly. Each ray keeps its own length.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from thzcl.paths.trace import Guard, Medium, Paths
 from thzcl.surfaces.camera import Raster
 from thzcl.surfaces.ends import RayEnds, follow, raster_size
 
-BETWEEN, ALONE = 0, 2  # as in thinning.cl
+BETWEEN, ALONE = 0, 2  # kinds of rays, as in thinning.cl: interpolated, traced off the lattice
 
 
 def trace_thinned(
@@ -31,9 +31,10 @@ def trace_thinned(
     stride: int,
     targets: NDArray[Any],
 ) -> Paths:
-    """Returns the path moments of every ray from every `stride`-th both ways, and edges.
+    """Returns the path moments of every ray, most of them interpolated.
 
-    `targets` (surface,) tells which surfaces belong to one thing.
+    Every `stride`-th ray of a row and of a column is traced, and all rays near edges. `targets`
+    (surface,) holds the flag of the target that each surface belongs to.
     """
     raster, precision = ends.geometry.raster, str(ends.stretch.dtype)
     kind = _sift(device, ends, stride, targets)
@@ -46,7 +47,7 @@ def trace_thinned(
 
 
 def lattice_rays(raster: Raster, stride: int) -> NDArray[np.int64]:
-    """Returns numbers of the rays on the lattice, row by row."""
+    """Returns the numbers of the rays on the lattice, row by row, (n,)."""
     rows, columns = (
         np.unique([*range(0, n, stride), n - 1]) for n in (raster.rows, raster.columns)
     )
@@ -54,7 +55,7 @@ def lattice_rays(raster: Raster, stride: int) -> NDArray[np.int64]:
 
 
 def _sift(device: Device, ends: RayEnds, stride: int, targets: NDArray[Any]) -> Buffer:
-    """Returns which rays are traced, on the device: kinds by ray."""
+    """Returns the kind of each ray, (ray,) on the device: interpolated, lattice or alone."""
     precision = str(ends.stretch.dtype)
     program = device.build(("paths/thinning",), precision, ["MOMENTS=1"])
     kind = device.empty((ends.rays,), np.int8)
@@ -80,12 +81,12 @@ def _spread(
     lattice: int,
     stride: int,
 ) -> Paths:
-    """Returns the moments of every ray, of those of the rays that were traced."""
+    """Returns the moments of every ray, from those `picked`, the first `lattice` on the lattice."""
     traced, precision = paths.moments, str(paths.moments.dtype)
     on_lattice = picked[:lattice]
     length, whole = (one.path_length.host()[on_lattice] for one in (paths, ends))
-    # A way without length, as to what is not lit, is whole: nothing of it was cut off.
-    kept = np.divide(length, whole, out=np.ones_like(length), where=whole > 0)
+    # A way has no length if its end is not lit; then nothing of it was cut off.
+    followed = np.divide(length, whole, out=np.ones_like(length), where=whole > 0)
     means = traced.host()[:, :lattice] / np.maximum(length, np.finfo(length.dtype).tiny)
     slot = np.zeros(ends.rays, np.int32)
     slot[picked] = np.arange(len(picked))
@@ -101,7 +102,7 @@ def _spread(
         device.put(means),
         np.int32(-(-(ends.geometry.raster.columns - 1) // stride) + 1),
         np.int32(lattice),
-        device.put(kept),
+        device.put(followed),
         traced,
         np.int32(traced.shape[1]),
         paths.path_length,

@@ -1,7 +1,7 @@
-"""Path moments M_k = integral of delta^k ds, voxel by voxel through the cube.
+"""Path moments M_k = integral of delta^k ds, traced from voxel to voxel through the cube.
 
-In isothermal air the optical depth at every frequency is a sum over them and the path length, so
-that one trace serves every frequency, every air and every set of surface temperatures.
+In isothermal air the optical depth at every frequency is a sum over the path's moments and its
+length, so that one trace serves all frequencies, all mean airs and all surface temperatures.
 """
 
 from __future__ import annotations
@@ -24,9 +24,9 @@ DEPTH_CHECKED_EVERY = 16  # voxels, where rays can reach the cut-off depth
 
 @dataclass(frozen=True)
 class Motion:
-    """How the cube lies and moves: its orientation against the world, and the wind.
+    """The orientation of the cube in the world, and the wind that moves it.
 
-    `times_s` (row, column) says when each ray is taken; None where that makes no difference, and
+    `times_s` (row, column) says when each ray is taken. It is None if that makes no difference, and
     the wind is then (0, 0, 0).
     """
 
@@ -37,10 +37,10 @@ class Motion:
 
 @dataclass(frozen=True)
 class Medium:
-    """The cube that rays cross, with the rays' frame in its voxels.
+    """The cube that rays cross, with the frame of the rays in units of its voxels.
 
-    `frame` (6, 3) is as geometry.cube_frame makes it; `time` (ray,) on the device is when each ray
-    is taken, in s, or None.
+    `frame` (6, 3) is what geometry.cube_frame returns. `time` (ray,) on the device is when each ray
+    is taken, in s, or None if nothing moves.
     """
 
     field: Field
@@ -50,9 +50,10 @@ class Medium:
 
 @dataclass(frozen=True)
 class Guard:
-    """When a ray ends: past `depth`, the smallest over the frequencies.
+    """The optical depth at which a ray ends.
 
-    `coefficients` of the path length and the moments, in 1/m, give that depth.
+    `coefficients` of the path length and of the moments, in 1/m, give the optical depth at the
+    frequency that the air absorbs least; a ray ends where that is more than `depth`.
     """
 
     coefficients: tuple[float, ...]
@@ -61,11 +62,12 @@ class Guard:
 
 @dataclass(frozen=True)
 class Paths:
-    """What rays went through, on the device: `moments` (k, ray) in metres, k = 1 and up.
+    """The paths of rays on the device: `moments` (k, ray) in metres, for k = 1 and up.
 
-    `path_length` and `surface` are those of the ends, but for rays that the cut-off ended sooner.
-    `moments` has no rows in even air. `interpolated` (ray,) says which rays were not traced.
-    `ways` holds the length of each way, where they are several of which these are the sums.
+    `path_length` and `surface` are those of the rays' ends; a ray that the cut-off ended is
+    shorter, and its surface is 0. `blend` is that of RayEnds. `moments` has no rows in even air.
+    `interpolated` (ray,) says which rays were not traced. If the values are sums over the way out
+    and the way back, `ways` holds the length of each.
     """
 
     path_length: Buffer
@@ -77,7 +79,7 @@ class Paths:
 
 
 def medium(device: Device, field: Field, ends: RayEnds, motion: Motion) -> Medium:
-    """Returns the cube as rays cross it that end at `ends`."""
+    """Returns the cube with the frame of the rays that end at `ends`."""
     wind = np.array(motion.wind_m_s)
     frame = geometry.cube_frame(
         ends.start_frame(), motion.orientation, field.voxel_m, field.grid, wind
@@ -99,10 +101,10 @@ def trace(
     precision: str,
     followed: Followed | None = None,
 ) -> Paths:
-    """Returns the path moments of every ray.
+    """Returns the paths of rays with their moments.
 
-    A guarded ray stops past its depth, keeps its path so far, and meets nothing. Where only some
-    rays are `followed`, the moments are theirs alone, in their order.
+    A ray that reaches the depth of the `guard` ends there, and meets no surface. If only some rays
+    are `followed`, the moments are those of these rays, in their order.
     """
     some = followed or ends.followed
     path_length, surface = changed_ends(device, ends, guard)
@@ -129,7 +131,7 @@ def trace(
 
 
 def every_ray(ends: RayEnds) -> NDArray[np.bool_]:
-    """Returns that no ray is interpolated, (ray,)."""
+    """Returns false for every ray, (ray,): none of them is interpolated."""
     return np.broadcast_to(np.False_, (ends.rays,))
 
 
@@ -140,9 +142,9 @@ def straight(device: Device, ends: RayEnds, precision: str) -> Paths:
 
 
 def there_and_back(device: Device, back: Paths, out: Paths) -> Paths:
-    """Returns the way of what a transmitter sends out and the camera gets back.
+    """Returns the paths of light from a transmitter to a surface and back to the camera.
 
-    What the cut-off ended on either way, or what is not lit, sends nothing back.
+    A ray that the cut-off ended on either way, or whose surface is not lit, has the surface 0.
     """
 
     def both(one: Buffer, other: Buffer) -> Buffer:
@@ -169,7 +171,7 @@ def march_options(guard: object, ends: RayEnds, medium: Medium, **numbers: int) 
 
 
 def placed(device: Device, ends: RayEnds, medium: Medium, followed: Followed) -> tuple[object, ...]:
-    """Returns the kernel arguments that place rays in the cube and say how far they reach."""
+    """Returns the kernel arguments that describe rays in the cube, and where they end."""
     frame = device.put(medium.frame, device.wide)
     log2n = np.int32(medium.field.grid.bit_length() - 1)
     time = ends.reach if medium.time is None else medium.time
@@ -178,7 +180,7 @@ def placed(device: Device, ends: RayEnds, medium: Medium, followed: Followed) ->
 
 
 def changed_ends(device: Device, ends: RayEnds, guard: object) -> tuple[Buffer, Buffer]:
-    """Returns path lengths and surfaces that a trace may change, where it can end its rays."""
+    """Returns the path lengths and surfaces of rays, as copies if a guard can change them."""
     if not guard:
         return ends.path_length, ends.surface
     return device.put(ends.path_length.host()), device.put(ends.surface.host())
@@ -192,9 +194,10 @@ def longest_m(ends: RayEnds) -> float:
 def trace_steps(
     device: Device, ends: RayEnds, medium: Medium, moments: int, step_m: float, precision: str
 ) -> Paths:
-    """Returns path moments by equal steps, each of the voxel that holds its middle.
+    """Returns paths whose moments are sums over equal steps of `step_m`.
 
-    For comparison with exact segments; no segments are counted.
+    A step takes its air from the voxel that holds its middle. It is for comparison with exact
+    segments; no segments are counted.
     """
     options = [f"MOMENTS={moments}"]
     program = device.build(("surfaces/camera", "paths/steps"), precision, options)

@@ -1,9 +1,8 @@
-"""What is looked at before anything is computed: variants together, and memory."""
+"""Checks a plan before anything is computed: its variants, its sensors and its memory."""
 
 from __future__ import annotations
 
-from typing import Any
-
+from thzcl.device.opencl import Device
 from thzcl.errors import ScenarioError
 from thzcl.plan import report
 from thzcl.plan.plan import Plan
@@ -20,7 +19,7 @@ _AT_RANDOM = (
 
 
 def together(document: Document, plan: Plan) -> None:
-    """Checks what sensors ask of the scenes, and variants of each other. Raises ScenarioError."""
+    """Raises ScenarioError if a scene lacks what its sensor needs, or if variants do not agree."""
     troubles = []
     for variant in plan.variants:
         troubles += _of_sensor(variant) + _of_variants(plan.variants[0], variant)
@@ -29,7 +28,7 @@ def together(document: Document, plan: Plan) -> None:
 
 
 def _of_variants(first: PlannedVariant, variant: PlannedVariant) -> list[Trouble]:
-    """Returns what keeps two variants from standing in one file."""
+    """Returns the reasons why two variants cannot be stored in one file."""
     found, scene = [], variant.scene
     if scene.camera.pixels != first.scene.camera.pixels:
         text = f"all variants must have the same pixels, {_SAME}"
@@ -48,14 +47,14 @@ def _of_variants(first: PlannedVariant, variant: PlannedVariant) -> list[Trouble
 
 
 def _of_sensor(variant: PlannedVariant) -> list[Trouble]:
-    """Returns what a sensor misses in the scene."""
+    """Returns the problems that the sensor of a variant has with its scene."""
     if variant.needs.reflection:
         return _transmitter_troubles(variant)
     return _temperature_troubles(variant.scene)
 
 
 def _temperature_troubles(scene: Scene) -> list[Trouble]:
-    """Returns what has no temperature: a passive sensor sees the emission of everything."""
+    """Returns the problems of things without a temperature, whose emission a sensor sees."""
     found = []
     if scene.ground is not None and scene.ground.temperature_k is None:
         text = "missing; a passive sensor sees the ground's emission"
@@ -68,7 +67,7 @@ def _temperature_troubles(scene: Scene) -> list[Trouble]:
 
 
 def _transmitter_troubles(variant: PlannedVariant) -> list[Trouble]:
-    """Returns what a transmitter stands in."""
+    """Returns the problems of a transmitter that stands below the ground or inside a box."""
     place, found = variant.needs.transmitter_m, []
     if place is None:
         return []
@@ -82,8 +81,8 @@ def _transmitter_troubles(variant: PlannedVariant) -> list[Trouble]:
     return found
 
 
-def memory(plan: Plan, device: Any) -> None:
-    """Refuses what a device cannot hold, before anything is allocated. Raises ScenarioError."""
+def memory(plan: Plan, device: Device) -> None:
+    """Raises ScenarioError if a plan needs more memory than the device has."""
     total, largest = report.memory(plan)
     advice = (
         "lower grid, pixels, samples_per_pixel or the number of frequencies, or run variants apart "

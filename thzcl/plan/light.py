@@ -1,21 +1,22 @@
-"""The ways of light in one variant: through even, turbulent, or unevenly warm air.
+"""How light goes through the air of one variant, which is even, turbulent, or unevenly warm.
 
-The question which of the three it is, is asked once; all that follows are specs.
+Each of the three kinds of air is a class, which makes the specs of paths and of their float64 twins
+(the same physics without what makes a run fast, for the error budget).
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from thzcl.air.expansion import ExpansionSpec, TrimmedSpec
 from thzcl.air.mean import Air
-from thzcl.error.budget import Attenuated, Emitted, Light
+from thzcl.error.budget import Attenuated, Emitted, Light, Transfer
 from thzcl.error.rays import RAYS, EvenAirSpec, VoxelAirSpec, affordable
 from thzcl.graph import Values
+from thzcl.paths.emission import AT_ONCE
 from thzcl.paths.specs import (
     AnyEnds,
     EmissionSpec,
@@ -42,98 +43,101 @@ STILL = (0.0, 0.0, 0.0)
 
 @dataclass(frozen=True)
 class Setup:
-    """What the rays of one variant have in common, whatever the air.
+    """What all rays of one variant have in common.
 
-    `lambert` says whether echoes are scattered evenly, `cosine` whether the slant of surfaces is
-    wanted; `targets` (surface,) holds flags of what each surface belongs to.
+    `moments` is the degree of the expansion in humidity, if the scene fixes it. `transmitter_m` is
+    the place of a transmitter that is not at the camera. `lambert` says whether surfaces scatter
+    echoes evenly, `cosine` whether the cosine between ray and surface normal is wanted. `targets`
+    (surface,) holds the flag of the target that each surface belongs to.
     """
 
     air: Air
     spectrum: Spectrum
     sources: Sources
     settled: Accuracy
-    moments: int | None  # a fixed degree of the expansion
+    moments: int | None
     transmitter_m: Point | None
     lambert: bool
     cosine: bool
     targets: Values
 
     def ends(self, shape: Geometry) -> EndsSpec:
-        """Returns where the camera's rays end."""
+        """Returns the ends of the camera's rays."""
         return EndsSpec(shape, self.settled.precision, self.cosine)
 
     def out(self, shape: Geometry) -> OutgoingSpec | None:
-        """Returns the ways from a transmitter of its own."""
+        """Returns the ways from a transmitter that is not at the camera, or None."""
         if self.transmitter_m is None:
             return None
         return OutgoingSpec(self.ends(shape), self.transmitter_m)
 
     def ways(self, shape: Geometry) -> tuple[AnyEnds, ...]:
-        """Returns the ends of the camera's rays, and of those from a transmitter of its own."""
+        """Returns the ends of the camera's rays, and of the ways from a transmitter elsewhere."""
         out = self.out(shape)
         return (self.ends(shape),) if out is None else (self.ends(shape), out)
 
     def expansion(self, field: AnyField | None) -> ExpansionSpec:
-        """Returns the expansion of absorption over what a cube reaches."""
+        """Returns the expansion of absorption over the values of a cube, or for even air."""
         fit = self.settled.expansion, self.moments
         return ExpansionSpec(self.air, self.spectrum.nodes_hz, field, *fit)
 
     def gained(self, rays: ShadeSpec | CarriedSpec) -> AnyRays:
-        """Returns rays with the gain that the sensor asks for."""
+        """Returns rays with the gain that the sensor asks for, if it asks for one."""
         return LambertSpec(rays, rays.ends) if self.lambert else rays
 
-    def light(self, transfer: Attenuated | Emitted, spectrum: Spectrum) -> Light:
-        """Returns the float64 twin of what reaches the camera."""
+    def light(self, transfer: Transfer, spectrum: Spectrum) -> Light:
+        """Returns the float64 twin of what reaches the camera at some frequencies."""
         return Light(self.air, self.sources, spectrum, transfer)
 
     def attenuated(self) -> Attenuated:
-        """Returns how the twin takes the air's share."""
+        """Returns how light is attenuated in the float64 twin."""
         return Attenuated(self.sources.trips)
 
 
 @dataclass(frozen=True)
 class EvenAir:
-    """Air that is the same everywhere; `why` there is no cube."""
+    """Air that is the same everywhere; `why` is the reason why there is no cube."""
 
     setup: Setup
     why: str
 
     @property
     def expansion(self) -> ExpansionSpec:
-        """Returns absorption at each frequency."""
+        """Returns the absorption at each frequency."""
         return self.setup.expansion(None)
 
     def rays(self, taken: Exposure) -> ShadeSpec:
-        """Returns the rays of an exposure."""
+        """Returns the rays of an exposure, through this air."""
         ways = [StraightSpec(ends, self.why) for ends in self.setup.ways(taken.geometry)]
         path = ways[0] if len(ways) == 1 else RoundTripSpec(*ways)
         return ShadeSpec(path, self.expansion, self.setup.sources, self.setup.spectrum)
 
     def walked(self, taken: Exposure) -> EvenAirSpec:
-        """Returns the air for the twin to walk through."""
+        """Returns the air that the float64 twin walks through."""
         del taken
         return EvenAirSpec()
 
     def budget_rays(self, mean_m: float) -> int:
-        """Returns how many rays the twin follows."""
+        """Returns the number of rays that the float64 twin follows."""
         del mean_m
         return RAYS
 
     def segments_a_ray(self, longest_m: float) -> float:
-        """Returns how many segments a ray has."""
+        """Returns the number of segments of a ray."""
         del longest_m
         return 1.0
 
     def twin(self, spectrum: Spectrum) -> Light:
-        """Returns the twin at some frequencies."""
+        """Returns the float64 twin of what reaches the camera at some frequencies."""
         return self.setup.light(self.setup.attenuated(), spectrum)
 
 
 @dataclass(frozen=True)
 class Moving:
-    """The cube, how it lies and moves, and how many voxels rays cross in it.
+    """A cube of air, its orientation and wind, and what is needed to estimate the voxels crossed.
 
-    `sample` is of the camera's rays; `visible_m` how far they reach in mean air before the cut-off.
+    `sample` are some of the camera's rays, and `visible_m` is their length in mean air down to the
+    cut-off depth. `share_traced` is the part of all rays that is traced.
     """
 
     field: AnyField
@@ -144,12 +148,15 @@ class Moving:
     share_traced: float
 
     def motion(self, times_s: Values | None) -> Motion:
-        """Returns the cube's motion for rays taken at some times."""
+        """Returns the motion of the cube for rays that are taken at given times, in s.
+
+        Without times nothing moves.
+        """
         wind = STILL if times_s is None else self.wind_m_s
         return Motion(self.orientation, wind, times_s)
 
     def segments(self, ends: AnyEnds, camera_m: Point) -> float:
-        """Returns about how many voxels all rays of a raster cross that end at `ends`."""
+        """Returns about how many voxels the rays that end at `ends` cross, all together."""
         direction, length = self.sample.direction, self.sample.length
         if isinstance(ends, OutgoingSpec):
             away = np.array(camera_m) + length[:, None] * direction - np.array(ends.transmitter_m)
@@ -165,31 +172,33 @@ class Moving:
 
 
 def _camera(shape: Geometry) -> Point:
+    """Returns the camera's position in the world, m."""
     x, y, z = shape.frame.array[0]
     return float(x), float(y), float(z)
 
 
 @dataclass(frozen=True)
 class TurbulentAir:
-    """Air of one temperature whose humidity fluctuates: one trace serves every frequency."""
+    """Air of one temperature whose humidity fluctuates; one trace serves all frequencies."""
 
     setup: Setup
     cube: Moving
 
     @property
     def expansion(self) -> ExpansionSpec:
-        """Returns absorption in powers of humidity."""
+        """Returns the absorption in powers of humidity."""
         return self.setup.expansion(self.cube.field)
 
     def rays(self, taken: Exposure) -> ShadeSpec:
-        """Returns the rays of an exposure."""
+        """Returns the rays of an exposure, through this air."""
         ways = [self._trace(ends, taken) for ends in self.setup.ways(taken.geometry)]
         path = ways[0] if len(ways) == 1 else RoundTripSpec(*ways)
         return ShadeSpec(path, self.expansion, self.setup.sources, self.setup.spectrum)
 
     def _trace(self, ends: AnyEnds, taken: Exposure) -> TraceSpec:
+        """Returns the trace through the cube of the rays that end at `ends`."""
         settled = self.setup.settled
-        # Rays at times of their own share no voxels with their neighbours.
+        # Rays that are taken at different times share no voxels with their neighbours.
         stride = settled.stride if taken.times_s is None else 1
         return TraceSpec(
             self.cube.field,
@@ -204,43 +213,44 @@ class TurbulentAir:
         )
 
     def walked(self, taken: Exposure) -> VoxelAirSpec:
-        """Returns the air for the twin to walk through."""
+        """Returns the air that the float64 twin walks through."""
         return VoxelAirSpec(self.cube.field, self.cube.motion(taken.times_s))
 
     def budget_rays(self, mean_m: float) -> int:
-        """Returns how many rays the twin follows, of a mean length of all ways together."""
+        """Returns the number of rays that the twin follows, of a mean length of `mean_m` in all."""
         return affordable(mean_m, self.cube.field.voxel_m, 1)
 
     def segments_a_ray(self, longest_m: float) -> float:
-        """Returns how many segments the longest ray has."""
+        """Returns about the number of segments of a ray of `longest_m`."""
         return 1.8 * longest_m / self.cube.field.voxel_m + 3
 
     def twin(self, spectrum: Spectrum) -> Light:
-        """Returns the twin at some frequencies."""
+        """Returns the float64 twin of what reaches the camera at some frequencies."""
         return self.setup.light(self.setup.attenuated(), spectrum)
 
 
 @dataclass(frozen=True)
 class WarmAir:
-    """Air whose temperature fluctuates too: radiance is carried along each path."""
+    """Air whose temperature fluctuates too, so that radiance is summed up along each path."""
 
     setup: Setup
     cube: Moving
 
     @property
     def expansion(self) -> TrimmedSpec:
-        """Returns absorption in powers of humidity and temperature."""
+        """Returns the absorption in powers of humidity and temperature."""
         return TrimmedSpec(self.setup.expansion(self.cube.field))
 
     def rays(self, taken: Exposure) -> CarriedSpec:
-        """Returns the rays of an exposure."""
+        """Returns the rays of an exposure, through this air."""
         setup = self.setup
         ways = [self._emission(ends, taken) for ends in setup.ways(taken.geometry)]
-        out = {1: (), 2: (ways[-1],)}[setup.sources.ways]
+        out = () if setup.sources.ways == 1 else (ways[-1],)
         return CarriedSpec(ways[0], out, setup.sources, setup.spectrum)
 
     def _emission(self, ends: AnyEnds, taken: Exposure) -> EmissionSpec:
-        passes = -(-self.setup.spectrum.nodes_hz.shape[0] // 8)
+        """Returns the emission trace through the cube of the rays that end at `ends`."""
+        passes = -(-self.setup.spectrum.nodes_hz.shape[0] // AT_ONCE)
         return EmissionSpec(
             self.cube.field,
             ends,
@@ -252,24 +262,23 @@ class WarmAir:
         )
 
     def walked(self, taken: Exposure) -> VoxelAirSpec:
-        """Returns the air for the twin to walk through."""
+        """Returns the air that the float64 twin walks through."""
         return VoxelAirSpec(self.cube.field, self.cube.motion(taken.times_s))
 
     def budget_rays(self, mean_m: float) -> int:
-        """Returns how many rays the twin follows, of a mean length of all ways together."""
+        """Returns the number of rays that the twin follows, of a mean length of `mean_m` in all."""
         work = 2 * self.setup.spectrum.nodes_hz.shape[0]
         return affordable(mean_m, self.cube.field.voxel_m, work)
 
     def segments_a_ray(self, longest_m: float) -> float:
-        """Returns how many segments the longest ray has."""
+        """Returns about the number of segments of a ray of `longest_m`."""
         return 1.8 * longest_m / self.cube.field.voxel_m + 3
 
     def twin(self, spectrum: Spectrum) -> Light:
-        """Returns the twin at some frequencies."""
-        transfer: Any = self.setup.attenuated()
+        """Returns the float64 twin of what reaches the camera at some frequencies."""
         if self.setup.sources.air_emits:
-            transfer = Emitted(self.setup.air.temperature_k)
-        return self.setup.light(transfer, spectrum)
+            return self.setup.light(Emitted(self.setup.air.temperature_k), spectrum)
+        return self.setup.light(self.setup.attenuated(), spectrum)
 
 
 AnyAir = EvenAir | TurbulentAir | WarmAir

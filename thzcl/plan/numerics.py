@@ -1,9 +1,9 @@
-"""How accurately what is computed: as well as the arithmetic allows, or as a tolerance asks.
+"""The accuracy of a variant: as good as the arithmetic allows, or as a tolerance asks.
 
 A tolerance ([numerics] tolerance) is an error relative to the image's largest contrast, as a root
-mean square over its pixels. It is shared out among arithmetic, absorption polynomial, cut-off, sums
-over a band, and rays that are interpolated; each takes the cheapest setting that keeps to its
-share. What the user gave stays as it is.
+mean square over its pixels. It is divided among arithmetic, absorption polynomial, cut-off, sums
+over a band, and interpolated rays. Each of them takes the cheapest setting whose error is within
+its share. Settings that the user has fixed are not changed.
 """
 
 from __future__ import annotations
@@ -27,9 +27,9 @@ from thzcl.turbulence.spectra import Turbulence
 
 Array = NDArray[np.float64]
 
-# Below what the arithmetic adds along a path.
+# Smaller than the errors that the arithmetic adds up along a path.
 EXPANSION_TOLERANCE = {"float32": 1e-7, "float64": 1e-13}
-NEGLIGIBLE = 1e-7  # of the air's radiance: what a ray past its cut-off depth could still show
+NEGLIGIBLE = 1e-7  # of the air's radiance: what lies behind the cut-off depth could add this
 SMALLEST_CUTOFF = 16.0
 EXPANSION, CUTOFF, BAND, STRIDE = 0.2, 0.1, 0.2, 0.5  # shares of a tolerance, added as squares
 ROUNDING = 2e-7  # float32: relative error of a depth and of its exponential, with room to spare
@@ -38,12 +38,15 @@ LOOSEST_FIT, TIGHTEST_FIT = 1e-2, 1e-13
 
 
 class Accuracy(NamedTuple):
-    """The numerical settings of one variant. `fixed` names those of cutoff and stride given."""
+    """The numerical settings of one variant.
+
+    `fixed` holds those of the names "cutoff" and "stride" whose values the user has fixed.
+    """
 
     precision: str
-    expansion: float  # bearable error of the absorption polynomial, relative to the mean air's
-    cutoff: float  # optical depth, along the camera's ray, at which it ends
-    stride: int  # every so many rays are traced, both ways
+    expansion: float  # tolerance of the absorption polynomial, relative to the mean air's
+    cutoff: float  # optical depth along the camera's ray at which it ends
+    stride: int  # every `stride`-th ray of a row and of a column is traced
     fixed: frozenset[str]
 
 
@@ -51,8 +54,8 @@ class Accuracy(NamedTuple):
 class AirAlong:
     """The air that rays cross.
 
-    `absorption` of the mean air and its `slope` with delta, (frequency,) in 1/m, and what makes it
-    uneven: `turbulence`, or None where the cube is not drawn at random. `turn` (3, 3) leads from
+    `absorption` is that of the mean air and `slope` its derivative with delta, both (frequency,) in
+    1/m. `turbulence` is None if the cube is not drawn at random. `turn` (3, 3) is the rotation from
     the world to the cube.
     """
 
@@ -63,7 +66,7 @@ class AirAlong:
 
 
 def air_along(air: Air, spectrum: Spectrum, turbulence: Turbulence | None, turn: Array) -> AirAlong:
-    """Returns what a plan knows of the air that rays cross."""
+    """Returns the air that rays cross, at the frequencies of a spectrum."""
     frequency_hz, step = spectrum.nodes_hz.array, 1e-3
     absorption = air.absorption(frequency_hz)
     slope = (air.absorption(frequency_hz, step) - absorption) / step
@@ -72,10 +75,10 @@ def air_along(air: Air, spectrum: Spectrum, turbulence: Turbulence | None, turn:
 
 @dataclass(frozen=True)
 class Foreseen:
-    """What an image will be, by a sample of its rays through mean air.
+    """A forecast of an image, made from a sample of its rays through mean air.
 
-    `pixel_rad` is the angle from a ray to the next, `targets` (surface,) flags of what each surface
-    belongs to.
+    `pixel_rad` is the angle between neighbouring rays, and `targets` (surface,) holds the flag of
+    the target that each surface belongs to.
     """
 
     sources: Sources
@@ -86,40 +89,41 @@ class Foreseen:
     pixel_rad: float
     targets: NDArray[np.int32]
 
-    def _sent(self) -> Array:
-        """Returns what each surface sends, (surface, frequency)."""
+    def _surface_contrast(self) -> Array:
+        """Returns the contrast that each surface sends, (surface, frequency)."""
         return self.sources.table(self.spectrum.nodes_hz.array)
 
     def _depth(self) -> Array:
-        """Returns the depth of all ways, (ray, frequency)."""
+        """Returns the optical depth of all ways of a ray together, (ray, frequency)."""
         return np.asarray(self.sources.ways * self.rays.length[:, None] * self.air.absorption)
 
-    def _seen(self) -> Array:
-        """Returns contrast to the air, (ray, frequency)."""
-        return np.asarray(np.abs(self._sent())[self.rays.surface] * np.exp(-self._depth()))
+    def _camera_contrast(self) -> Array:
+        """Returns the absolute contrast that reaches the camera, (ray, frequency)."""
+        sent = np.abs(self._surface_contrast())
+        return np.asarray(sent[self.rays.surface] * np.exp(-self._depth()))
 
     def contrast(self) -> Array:
-        """Returns the largest contrast in the image, (plane,); 1 where there is none at all."""
-        largest = self.spectrum.sum_by_ray(self._seen()).max(axis=0)
+        """Returns the largest contrast in the image, (plane,), or 1 if there is none."""
+        largest = self.spectrum.sum_by_ray(self._camera_contrast()).max(axis=0)
         return np.where(largest > 0, largest, 1.0)
 
     def gain(self) -> float:
-        """Returns what an error relative to every depth becomes, relative to the contrast."""
-        changed = self.spectrum.sum_by_ray(self._seen() * self._depth()).max(axis=0)
+        """Returns the factor from a relative error of all depths to that of the contrast."""
+        changed = self.spectrum.sum_by_ray(self._camera_contrast() * self._depth()).max(axis=0)
         return float((changed / self.contrast()).max())
 
     def default_cutoff(self) -> float:
-        """Returns the depth behind which nothing is worth 1e-7 of the air's radiance."""
+        """Returns the depth at which what lies behind could add 1e-7 of the air's radiance."""
         background = self.sources.background(self.spectrum.nodes_hz.array)
-        brightest = float(np.max(np.abs(self._sent()) / background))
+        brightest = float(np.max(np.abs(self._surface_contrast()) / background))
         return max(SMALLEST_CUTOFF, math.log(brightest / NEGLIGIBLE) if brightest > 0 else 0.0)
 
     def cutoff(self, share: float) -> float:
-        """Returns the depth, in the thinnest frequency, behind which nothing is worth a share.
+        """Returns the depth at which what lies behind could add `share` of the contrast.
 
-        The share is one of the contrast.
+        It is the depth of one way, at the frequency that the air absorbs least.
         """
-        brightest = np.abs(self._sent()).max(axis=0)
+        brightest = np.abs(self._surface_contrast()).max(axis=0)
         if not brightest.any():
             return SMALLEST_CUTOFF
         ratio = self.spectrum.planes(brightest) / (share * self.contrast())
@@ -127,58 +131,61 @@ class Foreseen:
 
     @property
     def _ways(self) -> int:
+        """Returns how often light passes the air of a ray: 2 if it goes out and back."""
         return self.sources.ways
 
     def stride_error(self, stride: int) -> float:
-        """Returns what interpolating between every `stride`-th ray costs, over the contrast.
+        """Returns the error of interpolating between every `stride`-th ray, over the contrast.
 
-        It is infinite where it is not known.
+        It is infinite if the cube is not drawn at random, since the error is not known then.
         """
         if self.air.turbulence is None:
             return math.inf
         metres = _moment_error(self.air.turbulence, self, stride)
-        lost = self._ways * np.abs(self.air.slope) * metres[:, None] * self._seen()
+        lost = self._ways * np.abs(self.air.slope) * metres[:, None] * self._camera_contrast()
         rms = np.sqrt((self.spectrum.sum_by_ray(lost) ** 2).mean(axis=0))
         return float((rms / self.contrast()).max())
 
     def drift_error_k(self, drift_m: float) -> float:
-        """Returns the error in kelvins of taking rays after the air has drifted by `drift_m`.
+        """Returns the error of taking rays after the air has drifted by `drift_m`.
 
-        Two paths a distance r apart through turbulence of structure constant C^2 differ by a
-        variance of 2.914 C^2 L r^(5/3) over a length L (Tatarskii 1971, of a plane wave's phase);
-        a cube of voxels has no finer structure than its voxels. Echoes are in parts of the power.
+        It is in kelvins, or for echoes in parts of the power. Over a length L, the integrals of
+        delta along two paths a distance r apart in turbulence of structure constant C^2 differ by a
+        variance of 2.914 C^2 L r^(5/3) (Tatarskii 1971, for the phase of a plane wave). This is an
+        upper bound, since a cube has no structure finer than its voxels.
         """
         turbulence = self.air.turbulence
         if turbulence is None:
             return 0.0
         constant = turbulence.sigma**2 / turbulence.unit_variance
         metres = np.sqrt(2.914 * constant * self.rays.length) * drift_m ** (5 / 6)
-        lost = self._ways * np.abs(self.air.slope) * metres[:, None] * self._seen()
+        lost = self._ways * np.abs(self.air.slope) * metres[:, None] * self._camera_contrast()
         unit = self.spectrum.planes(self.sources.per_unit(self.spectrum.nodes_hz.array))
         rms = np.sqrt((self.spectrum.sum_by_ray(lost) ** 2).mean(axis=0))
         return float((rms / unit).max())
 
     def share_traced(self, stride: int) -> float:
-        """Returns about the part of the rays that is traced, where `stride` thins them.
+        """Returns about the part of the rays that is traced with a stride.
 
-        That is a lattice, and all rays in the cells that edges cross.
+        These are the rays of a lattice, and all rays in those cells of the lattice that the edge of
+        a target crosses.
         """
         if stride == 1:
             return 1.0
         size = self.raster.rows, self.raster.columns
         lattice = math.prod((n - 1) // stride + 2 for n in size) / self.raster.rays
-        things = self.targets[self.rays.surface].reshape(self.rays.rows, -1)
-        cells = [max(n / sampled, 1) for n, sampled in zip(size, things.shape, strict=True)]
+        target = self.targets[self.rays.surface].reshape(self.rays.rows, -1)
+        spacing = [max(n / sampled, 1) for n, sampled in zip(size, target.shape, strict=True)]
         edges = sum(
-            float(np.mean(np.diff(things, axis=axis) != 0)) / cells[axis]
+            float(np.mean(np.diff(target, axis=axis) != 0)) / spacing[axis]
             for axis in (0, 1)
-            if things.shape[axis] > 1
+            if target.shape[axis] > 1
         )
         return float(min(1.0, lattice + edges * 2 * stride))
 
 
 def settle(given: Numerics, needs: Needs, image: Foreseen) -> Accuracy:
-    """Returns the settings of a variant."""
+    """Returns the numerical settings of a variant: given ones as they are, others chosen."""
     cutoff = given.cutoff_depth or needs.cutoff_depth
     fixed = {"cutoff": given.cutoff_depth, "stride": given.ray_stride}
     names = frozenset(name for name, value in fixed.items() if value is not None)
@@ -197,19 +204,20 @@ def settle(given: Numerics, needs: Needs, image: Foreseen) -> Accuracy:
     return Accuracy(precision, fit, depth, stride, names)
 
 
-# Measured over views of 30 to 150 m at 0.05 to 0.4 mrad a pixel, in voxels of 0.1 to 1.5 m: where
-# the error is small, the model below is met within a factor of 1.5.
+# Fitted to errors measured over views of 30 to 150 m at 0.05 to 0.4 mrad a pixel, in voxels of 0.1
+# to 1.5 m. If the error is small, the model below agrees with them within a factor of 1.5.
 KINKS, APART, BEYOND = 0.008, 0.2, 0.05
 
 
 def _moment_error(turbulence: Turbulence, image: Foreseen, stride: int) -> Array:
-    """Returns the error of the first path moment between rays `stride` apart, in m, by ray.
+    """Returns the error of the first path moment, (ray,) in m, interpolated over `stride` rays.
 
-    Across the rays a moment is a chain of straight lines with kinks where a ray passes a voxel's
-    edge, n^-1 as steep along an axis whose planes it crosses at a slant n; at the far end, where
-    the surface slants, likewise. Between lattice points the error of a straight line is that of the
-    kinks within: the root of their number times step times spacing. Rays farther apart than a voxel
-    have the difference of unlike paths, which grows as Kolmogorov's r^(2/3).
+    From one ray to the next, the moment is a chain of straight lines, with a kink where the ray
+    passes an edge of a voxel. Where a ray has the component n along an axis of the cube, the lines
+    are 1/n as steep. Kinks at the far end of the ray, where the surface slants, are counted
+    likewise. The error of a straight line between two lattice points is that of the kinks between
+    them: the square root of their number, times their step, times the spacing. The paths of rays
+    farther apart than a voxel are unlike, and their difference grows as Kolmogorov's r^(2/3).
     """
     rays, air = image.rays, image.air
     voxel = turbulence.voxel_m

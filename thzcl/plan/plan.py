@@ -1,9 +1,8 @@
-"""The plan of a run: the graph of all variants, whose paths are joined, and its realisations."""
+"""The plan of a run: the graph of all variants, in which alike paths are joined."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,19 +17,19 @@ from thzcl.turbulence.fields import FieldSpec
 
 @dataclass(frozen=True)
 class Plan:
-    """Everything that a run will do. Two plans are equal if the same specs make their images."""
+    """The work of a run. Two plans are equal if the same specs make their images."""
 
     scenario: Scenario = field(compare=False)
     variants: tuple[PlannedVariant, ...]
 
     @property
     def realizations(self) -> int:
-        """Returns how many independent realisations of the air the mean image is of."""
+        """Returns the number of independent realisations of the air that images are means of."""
         return self.variants[0].scene.numerics.realizations
 
     @property
     def frequency_hz(self) -> NDArray[np.float64]:
-        """Returns every frequency of every variant."""
+        """Returns the frequencies of all variants, ascending, each once, (n,) in Hz."""
         nodes = [variant.image.spectrum.nodes_hz.array for variant in self.variants]
         return np.array(sorted({*np.concatenate(nodes)}))
 
@@ -39,7 +38,10 @@ class Plan:
         return everything(spec for variant in self.variants for spec in wanted(variant))
 
     def batch(self, number: int = 0) -> tuple[Spec, ...]:
-        """Returns what is wanted of one realisation: of the first all, of others the images."""
+        """Returns the specs that a run evaluates for one realisation of the air.
+
+        For realisation 0 they are all that is wanted of each variant, for others the images.
+        """
         if number == 0:
             return tuple(spec for variant in self.variants for spec in wanted(variant))
         images = tuple(variant.image for variant in self.variants)
@@ -47,12 +49,12 @@ class Plan:
 
 
 def wanted(variant: PlannedVariant) -> list[Spec]:
-    """Returns the specs of a variant that there are, in the order in which they are made."""
+    """Returns the specs of a variant, without None, in the order in which they are evaluated."""
     return [spec for spec in variant.specs() if spec is not None]
 
 
-def _realization(spec: Any, number: int) -> Any:
-    """Returns a spec of the same image through other air, with other noise."""
+def _realization(spec: Spec, number: int) -> Spec:
+    """Returns a spec as it is in another realisation, with other random air and other noise."""
     if isinstance(spec, FieldSpec):
         return spec.realization(number)
     if isinstance(spec, ImageSpec):
@@ -63,12 +65,12 @@ def _realization(spec: Any, number: int) -> Any:
 def make_plan(scenario: Scenario) -> Plan:
     """Returns the plan of a scenario.
 
-    Raises ScenarioError for files that cannot be used and for what a sensor cannot work with,
-    PluginFailure where a sensor breaks.
+    Raises ScenarioError if a file cannot be used or a sensor cannot work with the scene, and
+    PluginFailure if a sensor fails.
     """
-    apart = [plan_variant(scenario, variant) for variant in scenario.variants]
-    rows = [variant.specs() for variant in apart]
+    variants = [plan_variant(scenario, variant) for variant in scenario.variants]
+    rows = [variant.specs() for variant in variants]
     together = iter(joined(spec for row in rows for spec in row if spec is not None))
     specs = [tuple(None if spec is None else next(together) for spec in row) for row in rows]
-    pairs = zip(apart, specs, strict=True)
+    pairs = zip(variants, specs, strict=True)
     return Plan(scenario, tuple(variant.with_specs(own) for variant, own in pairs))

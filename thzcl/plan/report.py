@@ -1,19 +1,19 @@
-"""A plan in figures and words: stages needed and left out, memory, voxels, and warnings."""
+"""Reports a plan in words and numbers: its stages, memory, voxel segments and warnings."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Any
 
+from thzcl.air.expansion import Expansion
 from thzcl.air.mpm93 import STATED_TO_GHZ
 from thzcl.air.refraction import Refraction, estimate, structure_constant_n
-from thzcl.graph import LeftOut, Spec, Work, everything, peak
+from thzcl.graph import LeftOut, Work, everything, peak
 from thzcl.paths.specs import TraceSpec
 from thzcl.plan.plan import Plan
 from thzcl.plan.variant import PlannedVariant
 from thzcl.turbulence import cube_file
-from thzcl.turbulence.fields import CubeSpec
+from thzcl.turbulence.fields import AnyField, CubeSpec
 
 STAGES = (
     "surrogate",
@@ -40,7 +40,7 @@ class Stage:
 
 
 def stages(plan: Plan, figure: bool = True) -> list[Stage]:
-    """Returns every stage in order, with the reason for running it or leaving it out."""
+    """Returns every stage in order, with the reason why it is needed or left out."""
     found: dict[str, list[Work | LeftOut]] = {name: [] for name in STAGES}
     for spec in plan.specs():
         for name, words in spec.describe().items():
@@ -51,6 +51,7 @@ def stages(plan: Plan, figure: bool = True) -> list[Stage]:
 
 
 def _stage(plan: Plan, name: str, words: list[Work | LeftOut]) -> Stage:
+    """Returns one stage, made from the `words` of all specs that describe it."""
     done = [one for one in words if isinstance(one, Work)]
     if not done:
         return Stage(name, False, words[0].reason if isinstance(words[0], LeftOut) else "")
@@ -66,40 +67,43 @@ def _stage(plan: Plan, name: str, words: list[Work | LeftOut]) -> Stage:
 
 
 def _expansion(plan: Plan) -> str:
+    """Returns the degree and the error of the expansion of absorption, in words."""
     fitted = f"MPM93 as polynomial of degree {moments(plan)} in humidity"
     return f"{fitted}, error at most {expansion_error(plan):.1e} of the mean absorption"
 
 
 def _count(number: int, noun: str) -> str:
+    """Returns a number with a noun, in the plural unless the number is 1."""
     return f"{number} {noun}{'' if number == 1 else 's'}"
 
 
 def moments(plan: Plan) -> int:
-    """Returns a bound on the path moments of any variant, before the cubes are known."""
+    """Returns an upper bound of the number of path moments, before the cubes are made."""
     return max(_planned(variant).moments for variant in plan.variants)
 
 
 def expansion_error(plan: Plan) -> float:
-    """Returns a bound on the expansions' error, relative to the mean air's absorption."""
+    """Returns an upper bound of the expansions' error, relative to the mean air's absorption."""
     return max(_planned(variant).error for variant in plan.variants)
 
 
-def _planned(variant: PlannedVariant) -> Any:
+def _planned(variant: PlannedVariant) -> Expansion:
+    """Returns a variant's expansion of absorption as far as it is known before the cube is made."""
     return variant.expansion.planned()
 
 
 def voxel_segments(plan: Plan) -> int:
-    """Returns about how many voxels the rays will cross over positive length."""
+    """Returns about how many segments of positive length all rays have in voxels."""
     return round(sum(spec.segments() for spec in plan.specs()) * plan.realizations)
 
 
 def memory(plan: Plan) -> tuple[int, int]:
-    """Returns bytes at the peak, and those of the largest single array."""
+    """Returns the bytes that are needed at the peak, and those of the largest single array."""
     return peak(plan.batch())
 
 
 def warnings(plan: Plan, errors: Iterable[float]) -> list[str]:
-    """Returns what a user should know before trusting the images.
+    """Returns warnings about a plan's images.
 
     `errors` are those of the variants' expansions, relative to the mean air's absorption.
     """
@@ -121,13 +125,13 @@ def warnings(plan: Plan, errors: Iterable[float]) -> list[str]:
 
 
 def planned_errors(plan: Plan) -> list[float]:
-    """Returns bounds on the errors of the variants' expansions."""
-    return [float(_planned(variant).error) for variant in plan.variants]
+    """Returns upper bounds of the errors of the variants' expansions, as `warnings` takes them."""
+    return [_planned(variant).error for variant in plan.variants]
 
 
 def _periods(plan: Plan) -> list[str]:
-    """Returns warnings of paths that meet the same voxels again, and of cubes that disagree."""
-    longest: dict[Spec, float] = {}
+    """Returns warnings of paths longer than a period of the cube, and notes on cubes' means."""
+    longest: dict[AnyField, float] = {}
     notes = []
     for variant in plan.variants:
         if variant.cube is None:
@@ -139,7 +143,7 @@ def _periods(plan: Plan) -> list[str]:
             notes += [note] if note else []
     found = []
     for cube, length in longest.items():
-        period = cube.grid * cube.voxel_m  # type: ignore[attr-defined]
+        period = cube.grid * cube.voxel_m
         if length > period:
             found.append(
                 f"the longest path is {length / period:.2f} periods of the {period:g} m cube: "
@@ -150,7 +154,7 @@ def _periods(plan: Plan) -> list[str]:
 
 
 def numerics(variant: PlannedVariant) -> dict[str, object]:
-    """Returns the numerical settings of a variant, given or chosen."""
+    """Returns the numerical settings of a variant by name, whether given or chosen."""
     specs = everything([variant.image])
     path = next((spec for spec in specs if isinstance(spec, TraceSpec)), None)
     return {
@@ -165,9 +169,9 @@ def numerics(variant: PlannedVariant) -> dict[str, object]:
 
 
 def refraction(plan: Plan) -> Refraction | None:
-    """Returns what refraction would add on the longest path of the variant where it adds most.
+    """Returns the estimate of refraction for the variant in which it scintillates most.
 
-    Returns None in air that does not fluctuate at random.
+    It is made for the longest path. Returns None if no variant's air fluctuates at random.
     """
     found = []
     for variant in plan.variants:

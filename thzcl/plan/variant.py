@@ -1,8 +1,9 @@
-"""The graph of one variant: its image, and what is to be known of its errors."""
+"""The graph of one variant, which makes its image and its error budget."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -18,39 +19,38 @@ from thzcl.error.rays import FineWalkSpec, WalkSpec
 from thzcl.errors import FileError, ScenarioError
 from thzcl.graph import Spec, Values
 from thzcl.plan import numerics
-from thzcl.plan.light import AnyAir, EvenAir, Moving, Setup, TurbulentAir, WarmAir
+from thzcl.plan.light import STILL, AnyAir, EvenAir, Moving, Setup, TurbulentAir, WarmAir
 from thzcl.plan.numerics import Accuracy, Foreseen
+from thzcl.plan.sampling import Sampling
 from thzcl.scenario import sensors
 from thzcl.scenario.document import Scenario, Variant
 from thzcl.scenario.scene import Scene
-from thzcl.sensing import bands, exposures, optics
-from thzcl.sensing.exposures import Blur, Exposure
+from thzcl.sensing import bands, optics
+from thzcl.sensing.exposures import Exposure
 from thzcl.sensing.image import ImageSpec, NoiseKey
 from thzcl.sensing.pixels import PixelsSpec, PlacesSpec, Steps, SumSpec
 from thzcl.sensing.spectrum import Spectrum, finer, spectrum
 from thzcl.sensor import Needs, View
 from thzcl.surfaces import camera, geometry, radiance
+from thzcl.surfaces.camera import Raster
 from thzcl.surfaces.estimate import SampledRays, sampled_rays
 from thzcl.surfaces.geometry import Geometry
 from thzcl.turbulence import cube_file, spectrum_table
+from thzcl.turbulence.cube_file import CubeFile
 from thzcl.turbulence.fields import AnyField, CubeSpec, FieldSpec, NotesSpec, SavedCubeSpec
 from thzcl.turbulence.orientation import ROTATIONS
-from thzcl.turbulence.spectra import turbulence
+from thzcl.turbulence.spectra import Turbulence, turbulence
 
 Array = NDArray[np.float64]
-FINER = 22  # lattice points to half of the finest detail that optics pass, each way
-FEWEST_POINTS = 17  # of a lattice, in a cell
-MOST_LATTICE_RAYS = 4_000_000
-BEARABLE_DRIFT_K = 0.0075  # bound on what a scan's fast axis adds, where no tolerance is given
-BEARABLE_DRIFT = 1e-3  # as a part of the largest echo
 
 
 @dataclass(frozen=True)
 class PlannedVariant:
-    """One image, planned. Two are equal if the same specs make them.
+    """The plan of one image. Two plans are equal if the same specs make them.
 
-    `longest_m` is about the longest ray's length, `visible_m` how far rays reach in mean air before
-    the cut-off.
+    `shape` are the rays of the camera and what they can meet, `cube` is the cube that they cross,
+    or None. `longest_m` is about the length of the longest ray, `visible_m` that of a ray in mean
+    air down to the cut-off depth.
     """
 
     name: str
@@ -69,27 +69,27 @@ class PlannedVariant:
     visible_m: float = field(compare=False)
 
     def specs(self) -> tuple[Spec | None, ...]:
-        """Returns what a run wants of this variant, in the order in which it should be made."""
+        """Returns the specs that a run evaluates, in order, with None for those not needed."""
         return self.notes, self.saved, self.expansion, self.image, *self.errors
 
-    def with_specs(self, specs: tuple[Any, ...]) -> PlannedVariant:
-        """Returns the variant with other specs, in the same order."""
+    def with_specs(self, specs: Sequence[Any]) -> PlannedVariant:
+        """Returns the variant with other specs, in the order of specs()."""
         notes, saved, expansion, image, *errors = specs
         made = {"notes": notes, "saved": saved, "expansion": expansion, "image": image}
         return replace(self, **made, errors=tuple(errors))
 
 
 def plan_variant(scenario: Scenario, variant: Variant) -> PlannedVariant:
-    """Returns the graph of one variant.
+    """Returns the plan of one variant.
 
-    Raises ScenarioError for files that cannot be used and for what a sensor cannot work with,
-    PluginFailure where a sensor breaks.
+    Raises ScenarioError if a file cannot be used or a sensor cannot work with the scene, and
+    PluginFailure if a sensor fails.
     """
     return _Planner(scenario, variant).planned()
 
 
 class _Planner:
-    """One variant on its way from a scene to a graph."""
+    """What is derived from a variant's scene, step by step, until its graph can be made."""
 
     def __init__(self, scenario: Scenario, variant: Variant) -> None:
         self.scenario, self.variant, self.scene = scenario, variant, variant.scene
@@ -112,10 +112,12 @@ class _Planner:
         self.sources = self._sources()
         self.targets = Values.of([s.target for s in self.surfaces], np.int32)
         self.foreseen = self._foreseen()
+        bearable = self.scene.numerics.tolerance
+        self.sampling = Sampling(self.needs, self.shape, self.pixel_rad, self.foreseen, bearable)
         self.settled = numerics.settle(self.scene.numerics, self.needs, self.foreseen)
 
     def _asked(self) -> Needs:
-        """Returns what the sensor needs, once it has seen the view."""
+        """Returns what the sensor needs. Raises ScenarioError for frequencies beyond MPM93's."""
         sensor = sensors.make(self.scene.sensor.model_dump())
         needs = sensors.ask_needs(sensor, self._view())
         highest = float(np.max(np.asarray(needs.frequency_hz))) / 1e9
@@ -141,18 +143,19 @@ class _Planner:
         )
 
     def _sources(self) -> radiance.Sources:
+        """Returns what surfaces send to the camera: their emission, or echoes of a transmitter."""
         if not self.needs.reflection:
             return radiance.emission(self.scene, self.surfaces)
         return radiance.reflection(self.surfaces, 2 if self.needs.transmitter_m is None else 1)
 
-    def _cube_source(self) -> tuple[Any, str]:
-        """Returns what makes the cube, or None and why there is none."""
+    def _cube_source(self) -> tuple[CubeFile | Turbulence | None, str]:
+        """Returns what the cube is made from, or None and the reason why there is no cube."""
         flow, air = self.scene.atmosphere.fluctuations, self.air
         if air.model == "none":
             return None, "air absorbs nothing: no field, no FFT"
         if flow is None:
             return None, "no [atmosphere.fluctuations]: no field, no FFT"
-        if flow.spectrum == "file":
+        if flow.spectrum == "file" and flow.file is not None:
             cube = cube_file.inspect(self.scenario.folder / flow.file, flow.voxel_m)
             cube_file.refuse_zero_mean(cube, air.absolute_humidity_g_m3)
             return cube, ""
@@ -160,15 +163,16 @@ class _Planner:
         if flow.file is not None:
             table = spectrum_table.read(self.scenario.locate(flow.file))
         drawn = turbulence(self.scene.atmosphere, table)
-        moist = drawn.sigma > 0 and air.absolute_humidity_g_m3 > 0
-        if not (drawn.temperature_fluctuates or moist):
+        even = drawn is None or drawn.sigma == 0 or air.absolute_humidity_g_m3 == 0
+        if drawn is None or (even and not drawn.temperature_fluctuates):
             return None, "fluctuations of size 0, or dry air: no field, no FFT"
         return drawn, ""
 
     def _foreseen(self) -> Foreseen:
+        """Returns a forecast of the image, by which numerical settings are chosen."""
         turn = ROTATIONS[self._orientation()]
-        drawn = self.cube_source[0]
-        random = None if isinstance(drawn, cube_file.CubeFile) else drawn
+        source = self.cube_source[0]
+        random = None if isinstance(source, CubeFile) else source
         block = reversed(self.shape.raster.block)
         apart = max(angle / n for angle, n in zip(self.pixel_rad, block, strict=True))
         return Foreseen(
@@ -182,28 +186,29 @@ class _Planner:
         )
 
     def _orientation(self) -> str:
-        """Returns how the cube lies: as the scene says, or else as a file of its own does."""
+        """Returns the cube's orientation: the scene's, or else that of the cube's file."""
         flow, source = self.scene.atmosphere.fluctuations, self.cube_source[0]
         if flow is None:
             return "aligned"
-        if flow.grid_orientation is None and isinstance(source, cube_file.CubeFile):
+        if flow.grid_orientation is None and isinstance(source, CubeFile):
             return source.orientation
         return flow.orientation
 
     def _field(self) -> AnyField | None:
-        """Returns the cube that rays cross."""
+        """Returns the cube that rays cross, or None."""
         source, precision = self.cube_source[0], self.settled.precision
         if source is None:
             return None
         most = self.air.most_vapour
-        if isinstance(source, cube_file.CubeFile):
+        if isinstance(source, CubeFile):
             mean = self.air.absolute_humidity_g_m3, self.air.temperature_k
             return CubeSpec(source, *mean, most, precision)
-        # Only where the ceiling is within reach does it tell apart the cubes of two climates.
-        bites = source.humidity_span()[1] > most
-        return FieldSpec(source, most if bites else math.inf, precision)
+        # A ceiling out of reach is left out, so that the cubes of two climates can be equal.
+        reached = source.humidity_span()[1] > most
+        return FieldSpec(source, most if reached else math.inf, precision)
 
     def _setup(self) -> Setup:
+        """Returns what all rays of the variant have in common."""
         lambert = self.needs.gain == "lambert"
         return Setup(
             self.air,
@@ -218,12 +223,12 @@ class _Planner:
         )
 
     def _visible_m(self) -> float:
-        """Returns how far rays reach in mean air before the cut-off depth."""
+        """Returns the length of a ray in mean air down to the cut-off depth, m."""
         thinnest = float(self.foreseen.air.absorption.min())
         return self.settled.cutoff / thinnest if thinnest > 0 else math.inf
 
     def _air(self, setup: Setup, cube: AnyField | None) -> AnyAir:
-        """Returns the air that light goes through: the one place where that is asked."""
+        """Returns the kind of air that light goes through; it is asked for nowhere else."""
         flow = self.scene.atmosphere.fluctuations
         if cube is None or flow is None:
             return EvenAir(setup, self.cube_source[1])
@@ -233,89 +238,17 @@ class _Planner:
         moving = Moving(cube, *where, share)
         return TurbulentAir(setup, moving) if cube.isothermal else WarmAir(setup, moving)
 
-    def _blur(self) -> Blur:
-        plane_hz = Values.of(self.spectrum.planes(self.spectrum.nodes_hz.array))
-        return Blur(self.needs.optics, self.pixel_rad, plane_hz)
+    def _fine(self, even: EvenAir, turn: int = 0) -> SumSpec | None:
+        """Returns what pixels see of surfaces that a lattice samples, in even air, or None."""
+        taken = self.sampling.lattice(turn)
+        return _sum(even, taken, taken[0].geometry.raster) if taken else None
 
-    def _exposures(self, blur: Blur, cube: AnyField | None) -> list[Exposure]:
-        """Returns the exposures that trace the air."""
-        flow = self.scene.atmosphere.fluctuations
-        moves = flow is not None and cube is not None and any(flow.wind_m_s)
-        if self.needs.times_s is None or not moves:
-            return exposures.still(blur, self.shape)
-        times = np.asarray(self.needs.times_s, dtype=np.float64)
-        groups = self._groups(blur, times, math.hypot(*flow.wind_m_s))
-        return exposures.timed(blur, self.shape, times, groups)
-
-    def _groups(self, blur: Blur, times_s: Array, wind_m_s: float) -> int:
-        """Returns into how many parts a beam is cut along a scan's fast axis.
-
-        There are as few as keep what the air drifts, while the scan crosses one, from mattering.
-        """
-        rays = self.shape.raster
-        sample = np.broadcast_to(times_s[0], rays.pixels)
-        if rays.margin == 0 or np.ptp(sample) == 0:
-            return 1
-        slow = exposures.slow_axis(sample)
-        weights = exposures.profile(blur.beam(rays), slow)
-        apart = np.abs(np.diff(sample, axis=1 - slow))
-        dwell = float(np.median(apart)) if apart.size else 0.0
-        drift_m = wind_m_s * dwell / rays.block[1 - slow]  # while the scan crosses one ray
-        lost = [
-            self.foreseen.drift_error_k(drift_m * n)
-            for n in range(min(len(weights), rays.pixels[1 - slow] * rays.block[1 - slow]) + 1)
-        ]
-        for groups in range(1, len(weights), 2):
-            if exposures.fast_axis_error(weights, groups, lost) <= self._bearable_drift():
-                return groups
-        return len(weights)
-
-    def _bearable_drift(self) -> float:
-        """Returns the bearable error of a scan's fast axis, in K or as a part of the power."""
-        unit = self.spectrum.planes(self.sources.per_unit(self.spectrum.nodes_hz.array))
-        largest = float((self.foreseen.contrast() / unit).max())
-        tolerance = self.scene.numerics.tolerance
-        if tolerance is not None:
-            return tolerance * largest
-        return BEARABLE_DRIFT_K if self.sources.air_emits else BEARABLE_DRIFT * largest
-
-    def _lattice(self) -> tuple[int, int]:
-        """Returns how surfaces are sampled under optics: rays to a cell each way, and points in it.
-
-        There are no points where nothing is blurred.
-        """
-        blurring, rays = self.needs.optics, self.shape.raster
-        if blurring is None or not optics.blurs(blurring) or not self.shape.things.kinds:
-            return 1, 0
-        detail = optics.finest_rad(blurring, self.spectrum.nodes_hz.array) / FINER
-        density = math.prod(self.pixel_rad) / math.prod(rays.block) / detail**2  # points to a ray
-        density = min(density, MOST_LATTICE_RAYS / rays.rays)
-        common = math.gcd(*rays.block)
-        cells = [n for n in range(1, common + 1) if common % n == 0]
-        cell = next((n for n in cells if density * n**2 >= FEWEST_POINTS), common)
-        wanted = density * cell**2
-        points = min((n for n in exposures.PRIMES if n >= wanted), default=exposures.PRIMES[-1])
-        return cell, points
-
-    def planned(self) -> PlannedVariant:
-        """Returns the variant's graph."""
-        cube, blur = self._field(), self._blur()
-        setup = self._setup()
-        air, even = self._air(setup, cube), EvenAir(setup, "surfaces in mean air")
-        steps = Steps(self.shape.raster.block, self.shape.raster.pixels)
-        taken = self._exposures(blur, cube)
-        main = _sum(setup, air, taken, steps)
-        cell, points = self._lattice()
-        parts, lattice = [main], None
-        if points:
-            fine = exposures.lattice(blur, self.shape, cell, points)
-            lattice = _sum(setup, even, fine, Steps(fine[0].geometry.raster.block, steps.pixels))
-            parts += [lattice, _less(_sum(setup, even, exposures.still(blur, self.shape), steps))]
-        places = PlacesSpec(setup.ends(self.shape), setup.out(self.shape), self.targets)
-        image = ImageSpec(
+    def _image(self, setup: Setup, parts: tuple[SumSpec, ...]) -> ImageSpec:
+        """Returns the image whose pixels see the sum of some parts."""
+        return ImageSpec(
             self.variant.name,
-            PixelsSpec(tuple(parts)),
-            places,
+            PixelsSpec(parts),
+            PlacesSpec(setup.ends(self.shape), setup.out(self.shape), self.targets),
             self.sources,
             self.spectrum,
             self.scene.sensor,
@@ -323,15 +256,25 @@ class _Planner:
             NoiseKey(self.scenario.seed, self.variant.key),
             self.needs.noise,
         )
+
+    def planned(self) -> PlannedVariant:
+        """Returns the plan of the variant."""
+        cube, setup = self._field(), self._setup()
+        air, even = self._air(setup, cube), EvenAir(setup, "surfaces in mean air")
+        flow = self.scene.atmosphere.fluctuations
+        wind = STILL if flow is None or cube is None else flow.wind_m_s
+        taken = self.sampling.exposures(wind)
+        main, fine = _sum(air, taken, self.shape.raster), self._fine(even)
+        parts = [main]
+        if fine is not None:
+            parts += [fine, _less(_sum(even, self.sampling.still(), self.shape.raster))]
         errors = self._errors(air, taken, main)
-        if lattice is not None and errors:
-            again = exposures.lattice(blur, self.shape, cell, points, turn=1)
-            other = _sum(setup, even, again, lattice.steps)
-            light = air.twin(self.spectrum)
-            errors = (*errors, LatticeErrorSpec(lattice, other, light))
+        other = self._fine(even, turn=1) if errors else None
+        if fine is not None and other is not None:
+            errors = (*errors, LatticeErrorSpec(fine, other, air.twin(self.spectrum)))
         return PlannedVariant(
             self.variant.name,
-            image,
+            self._image(setup, tuple(parts)),
             air.expansion,
             errors,
             None if cube is None else NotesSpec(cube),
@@ -347,11 +290,13 @@ class _Planner:
         )
 
     def _saved(self, cube: AnyField | None) -> SavedCubeSpec | None:
-        wanted = self.scene.output.save_field and cube is not None
-        return SavedCubeSpec(cube, self.air) if wanted else None
+        """Returns the cube to be stored, or None if there is none or the scene does not ask."""
+        if cube is None or not self.scene.output.save_field:
+            return None
+        return SavedCubeSpec(cube, self.air)
 
     def _errors(self, air: AnyAir, taken: list[Exposure], main: SumSpec) -> tuple[Spec, ...]:
-        """Returns the specs of the error budget, where it is wanted."""
+        """Returns the specs of the error budget, or none if the scene does not ask for it."""
         if not self.scene.numerics.error_budget:
             return ()
         setup, light = air.setup, air.twin(self.spectrum)
@@ -364,16 +309,15 @@ class _Planner:
         walk = WalkSpec(walked, ends, out, self.targets, count, self.scenario.seed, segments)
         resolved = finer(self.needs)
         twin = light if resolved is None else air.twin(resolved)
-        found: list[Spec] = [ErrorSpec(air.rays(taken[number]), walk, air.expansion, light, twin)]
-        if self.needs.optics is None:
-            fine = FineWalkSpec(walked, ends, out, setup.lambert, count, self.scenario.seed)
-            steps = Steps(shape.raster.block, shape.raster.pixels)
-            rays = main.rays[number]
-            found.append(SamplingSpec(rays, fine, air.expansion, light, steps))
-        return tuple(found)
+        error = ErrorSpec(air.rays(taken[number]), walk, air.expansion, light, twin)
+        if self.needs.optics is not None:
+            return (error,)
+        fine = FineWalkSpec(walked, ends, out, setup.lambert, count, self.scenario.seed)
+        steps = Steps(shape.raster.block, shape.raster.pixels)
+        return error, SamplingSpec(main.rays[number], fine, air.expansion, light, steps)
 
     def _longest_way(self) -> float:
-        """Returns the length of the longest ray, or of the longest way from a transmitter, m."""
+        """Returns the length of the longest ray or way from a transmitter, m."""
         longest = float(self.sample.length.max())
         if self.needs.transmitter_m is None:
             return longest
@@ -382,21 +326,24 @@ class _Planner:
         return max(longest, float(away.max()))
 
 
-def _sum(setup: Setup, air: AnyAir, taken: list[Exposure], steps: Steps) -> SumSpec:
-    """Returns what pixels see of some exposures."""
-    rays = tuple(setup.gained(air.rays(one)) for one in taken)
+def _sum(air: AnyAir, taken: list[Exposure], raster: Raster) -> SumSpec:
+    """Returns what pixels, which lie in a raster, see of the rays of some exposures."""
+    rays = tuple(air.setup.gained(air.rays(one)) for one in taken)
     beams, owns = tuple(one.beam for one in taken), tuple(one.own for one in taken)
-    return SumSpec(rays, beams, owns, steps)
+    return SumSpec(rays, beams, owns, Steps(raster.block, raster.pixels))
 
 
 def _less(one: SumSpec) -> SumSpec:
-    """Returns the contrast that is to be taken off."""
+    """Returns a sum whose contrast is subtracted, and whose depth does not count."""
     beams = tuple(replace(beam, scale=-beam.scale) for beam in one.beams)
     return replace(one, beams=beams, owns=tuple(replace(own, scale=0.0) for own in one.owns))
 
 
 def _main(taken: list[Exposure]) -> int:
-    """Returns the number of the exposure whose own rays weigh most, of lines the middle one."""
+    """Returns the number of the exposure whose own rays weigh most in the pixels.
+
+    Exposures that are not lines of a beam all weigh as much, and it is the first.
+    """
     middle = len(taken) // 2
     if taken[middle].own.line is None:
         return 0

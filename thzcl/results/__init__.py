@@ -1,1 +1,1 @@
-"""What a run found out: files and pictures."""
+"""The results of a run, their files and pictures."""

@@ -1,4 +1,4 @@
-"""Frequency, range and air of an image in words, and the angles of its pixels."""
+"""The conditions of an image in words (frequency, range, air), and the angles of its pixels."""
 
 from __future__ import annotations
 
@@ -16,7 +16,10 @@ Array = NDArray[np.float64]
 
 
 def angles(camera: Camera) -> tuple[NDArray[Any], NDArray[Any]]:
-    """Returns angles of pixel columns and rows from the image centre, mrad, right and up."""
+    """Returns the angles of pixel columns, (x,), and rows, (y,), from the image centre, mrad.
+
+    Angles of columns are positive to the right, angles of rows upwards.
+    """
     (width, height), (columns, rows) = camera.focal_plane_mm, camera.pixels
     right = (np.arange(columns) + 0.5 - columns / 2) * width / columns
     up = (rows / 2 - np.arange(rows) - 0.5) * height / rows
@@ -25,7 +28,10 @@ def angles(camera: Camera) -> tuple[NDArray[Any], NDArray[Any]]:
 
 
 def conditions(air: Air, sight: Radiances | Echoes) -> tuple[str, ...]:
-    """Returns frequency, range and air in words, for a picture's titles."""
+    """Returns frequency, range and air in words, for a picture's titles.
+
+    The range is the median length of the rays that meet a target, or of all rays if none does.
+    """
     on_target = sight.target >= FIRST_TARGET
     lengths = sight.path_length[on_target if on_target.any() else ...].ravel()
     return (
@@ -39,7 +45,7 @@ def conditions(air: Air, sight: Radiances | Echoes) -> tuple[str, ...]:
 
 
 def _band(ghz: Array) -> str:
-    """Returns a frequency, or the band that several lie in, to a twentieth of its width."""
+    """Returns a frequency in words, or the band that several span, to a twentieth of its width."""
     if len(ghz) == 1:
         return f"{ghz[0]:g} GHz"
     step = 10.0 ** np.ceil(np.log10((ghz[-1] - ghz[0]) / 20))

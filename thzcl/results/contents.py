@@ -1,4 +1,4 @@
-"""Everything that a run found out, as plain fields."""
+"""The results of a run as plain fields."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ Array = NDArray[Any]
 
 @dataclass(frozen=True)
 class VariantResult:
-    """One image, and what it was made from; `image` is None where the sensor failed."""
+    """One image, and what reached its pixels; `image` is None if the sensor failed."""
 
     name: str
     sight: Radiances | Echoes
@@ -23,7 +23,10 @@ class VariantResult:
 
     @property
     def radiances(self) -> Radiances:
-        """What reached the pixels of a passive sensor. Raises TypeError for an active one."""
+        """Returns what reached the pixels of a passive sensor.
+
+        Raises TypeError for an active sensor.
+        """
         if isinstance(self.sight, Echoes):
             raise TypeError("an active sensor has no radiances, but echoes: see sight")
         return self.sight
@@ -31,7 +34,7 @@ class VariantResult:
 
 @dataclass(frozen=True)
 class Cube:
-    """A saved cube, (z, y, x)."""
+    """A saved cube of air, (z, y, x); its temperature in K is None if it does not fluctuate."""
 
     absolute_humidity_g_m3: Array
     air_temperature_k: Array | None
@@ -40,17 +43,17 @@ class Cube:
 
 @dataclass(frozen=True)
 class Contents:
-    """What a result holds, before it is written, drawn or summed up."""
+    """The data of a result, which can be written, drawn or summed up."""
 
     scenario: str
     scenario_toml: str
     scenario_folder: str
     variants: tuple[VariantResult, ...]
     targets: tuple[str, ...]  # names by flag: background, ground, then the targets in file order
-    pixel_angles_mrad: tuple[Array, Array]  # of the columns, of the rows, from the image centre
-    conditions: tuple[tuple[str, ...], ...]  # of each variant's air and range, in words
+    pixel_angles_mrad: tuple[Array, Array]  # of the columns and of the rows, from the image centre
+    conditions: tuple[tuple[str, ...], ...]  # each variant's frequency, range and air, in words
     figure_columns: int | None
-    difference: tuple[str, str] | None  # variants whose images' difference is stored too
+    difference: tuple[str, str] | None  # two variants, the difference of whose images is stored too
     grid_rotation: Array
     device: str
     seed: int
@@ -64,7 +67,10 @@ class Contents:
     cubes: tuple[Cube, ...] = ()  # one, or one for each variant
 
     def image_difference(self) -> Array | None:
-        """Returns the first named variant's image less the second's, (y, x), if asked for."""
+        """Returns the first image of `difference` less the second, (y, x).
+
+        Returns None if `difference` is None, or if one of the two images is missing.
+        """
         if self.difference is None:
             return None
         images = {variant.name: variant.image for variant in self.variants}
@@ -76,5 +82,5 @@ class Contents:
 
 
 def readable(name: str) -> str:
-    """Returns a file's name as UTF-8 has it, whatever the locale made of its bytes."""
+    """Returns a file's name as valid UTF-8, in whatever way the locale decoded its bytes."""
     return name.encode("utf-8", "surrogateescape").decode("utf-8", "replace")

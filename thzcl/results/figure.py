@@ -17,10 +17,10 @@ FORMATS = ("png", "pdf", "svg")
 PANEL_INCHES = 3.2
 PITCH_INCHES = PANEL_INCHES + 1.0  # from panel to panel, with the colour bar
 DOTS_PER_INCH = 150
-DIVERGING = "RdBu_r"  # of differences, zero in the middle
-SPREAD = "magma"  # of standard deviations
+DIVERGING = "RdBu_r"  # colours of differences, zero in the middle
+SPREAD = "magma"  # colours of standard deviations
 VARIANCE = "image_variance"  # an ensemble's layer
-STRETCH_PERCENT = (0.1, 99.9)  # of the pixels, between black and white
+STRETCH_PERCENT = (0.1, 99.9)  # percentiles of the pixels that are shown black and white
 HEADING, TITLE, LABEL = 11, 9, 7  # sizes of letters, points
 LINE = 1.25 / 72  # inches from line to line, for each point of the letters' size
 
@@ -28,7 +28,7 @@ Extent = tuple[float, float, float, float]  # left, right, bottom, top, mrad
 
 
 class Panel(NamedTuple):
-    """One picture among the others."""
+    """One panel of a picture: its title, values (y, x), their quantity and unit, its colours."""
 
     title: str
     values: Array
@@ -38,7 +38,7 @@ class Panel(NamedTuple):
 
 
 def picture_format(path: Path) -> str:
-    """Returns the format that a picture's name asks for. Raises FileError if there is none such."""
+    """Returns the format that a picture's name ends in. Raises FileError for any other ending."""
     form = path.suffix.lower().removeprefix(".")
     if form not in FORMATS:
         raise FileError(f"{path}: pictures are written as .png, .pdf or .svg; choose such a name")
@@ -46,7 +46,7 @@ def picture_format(path: Path) -> str:
 
 
 def draw(result: Contents, path: Path, form: str) -> None:
-    """Writes a picture with one panel for each variant, and one for a difference asked for."""
+    """Writes a picture with one panel for each variant, and one for a difference if asked for."""
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", "Glyph")  # a name in letters that the font lacks
         picture(result).savefig(path, dpi=DOTS_PER_INCH, format=form)
@@ -81,9 +81,9 @@ def picture(result: Contents) -> Any:
 
 
 def _panels(result: Contents) -> tuple[list[Panel], list[str]]:
-    """Returns the panels, and the conditions that all share, which belong above them all.
+    """Returns the panels, and the conditions that all of them share, for the heading.
 
-    Other conditions stand in the panels' titles.
+    Conditions in which the variants differ are in the panels' titles.
     """
     shown = [
         (variant.name, variant.image, words)
@@ -110,7 +110,7 @@ def _panels(result: Contents) -> tuple[list[Panel], list[str]]:
 
 
 def _title(name: str, conditions: Sequence[str]) -> str:
-    """Returns a panel's title: its name, and below it the conditions of its own, folded."""
+    """Returns a panel's title, folded: its name, and below it the conditions that are its own."""
     width = PANEL_INCHES - 0.3
     lines = [_folded(name.split(), width, TITLE)]
     if conditions:
@@ -125,12 +125,12 @@ def _heading(scenario: str, conditions: Sequence[str], width: float) -> str:
 
 
 def _listed(conditions: Sequence[str]) -> list[str]:
-    """Returns conditions with a comma behind all but the last; none of them is to be broken."""
+    """Returns conditions with a comma after all but the last, as pieces that are not broken."""
     return [*(f"{condition}," for condition in conditions[:-1]), *conditions[-1:]]
 
 
 def _folded(pieces: Iterable[str], width: float, points: float) -> str:
-    """Returns pieces of text in lines of at most `width` inches in letters of that size."""
+    """Returns pieces of text as lines of at most `width` inches, in letters of `points`."""
     from matplotlib.font_manager import FontProperties
     from matplotlib.textpath import text_to_path
 
@@ -156,6 +156,7 @@ def _folded(pieces: Iterable[str], width: float, points: float) -> str:
 
 
 def _draw_panel(figure: Any, ax: Any, extent: Extent, panel: Panel, bar_inches: float) -> None:
+    """Draws a panel on its axes, with a colour bar whose label is at most `bar_inches` long."""
     low, high = np.percentile(panel.values, STRETCH_PERCENT)
     if panel.colours == DIVERGING:
         low, high = -max(-low, high), max(-low, high)
@@ -179,15 +180,17 @@ def _draw_panel(figure: Any, ax: Any, extent: Extent, panel: Panel, bar_inches: 
 
 
 def _extent(columns: Array, rows: Array) -> Extent:
-    """Returns the outer edges of the pixels whose middles lie at these angles."""
+    """Returns the outer edges of the pixels whose middles lie at given angles, mrad."""
     half_x, half_y = _half_step(columns), _half_step(rows)
     return (columns[0] - half_x, columns[-1] + half_x, rows[-1] - half_y, rows[0] + half_y)
 
 
 def _half_step(angles: Array) -> float:
+    """Returns half the angle between neighbouring pixels, mrad, or 0.5 for a single pixel."""
     return float(abs(angles[1] - angles[0]) / 2) if len(angles) > 1 else 0.5
 
 
 def _height_over_width(extent: Extent) -> float:
+    """Returns the height of a panel relative to its width."""
     left, right, bottom, top = extent
     return (top - bottom) / (right - left)

@@ -1,4 +1,4 @@
-"""The result file: NetCDF-4 after the CF conventions. Every name in it is told of here."""
+"""The result file: NetCDF-4 after the CF conventions. All names in it are defined here."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ VARIABLES = (
     "target",
     "image",
     "image_difference",
-    "image_variance",  # these two over the realisations of an ensemble
+    "image_variance",  # this and the next are over the realisations of an ensemble
     "image_spread",
     "absolute_humidity",
     "air_temperature",
@@ -34,7 +34,7 @@ VARIABLES = (
 
 
 class Variable(NamedTuple):
-    """A variable of the result file."""
+    """A variable of the result file: names of its dimensions, values and attributes."""
 
     dims: tuple[str, ...]
     values: Array
@@ -50,12 +50,12 @@ def reserved_names() -> frozenset[str]:
 
 
 def write(result: Contents, path: Path) -> None:
-    """Writes the file of a result. Raises OSError."""
+    """Writes the file of a result. Raises OSError if that fails."""
     import h5netcdf
     import h5py
 
     stored = coordinates(result) | variables(result)
-    with Patient(path) as kept, h5netcdf.File(kept, "w") as file:
+    with Patient(path) as raw, h5netcdf.File(raw, "w") as file:
         file.attrs.update(attributes(result))
         for variable in stored.values():
             for name, size in zip(variable.dims, variable.values.shape, strict=True):
@@ -67,7 +67,7 @@ def write(result: Contents, path: Path) -> None:
 
 
 def attributes(result: Contents) -> dict[str, Any]:
-    """Returns the global attributes; structured ones are JSON."""
+    """Returns the global attributes; lists and tables among them are JSON."""
     scenario = readable(result.scenario)
     return {
         "Conventions": "CF-1.11",
@@ -104,7 +104,7 @@ def coordinates(result: Contents) -> dict[str, Variable]:
 
 
 def _frequencies(result: Contents) -> dict[str, Variable]:
-    """Returns one axis of frequencies, or one for each variant where they differ."""
+    """Returns one axis of frequencies in GHz, or one for each variant if they differ."""
     values = np.array([variant.sight.frequency_hz for variant in result.variants]) / 1e9
     if (values == values[0]).all():
         return {"frequency": _coordinate("frequency", values[0], "GHz", "frequency")}
@@ -113,11 +113,12 @@ def _frequencies(result: Contents) -> dict[str, Variable]:
 
 
 def _coordinate(dimension: str, values: Array, units: str, name: str) -> Variable:
+    """Returns a coordinate along one dimension."""
     return Variable((dimension,), values, {"units": units, "long_name": name})
 
 
 def variables(result: Contents) -> dict[str, Variable]:
-    """Returns the data variables, the sensors' own included."""
+    """Returns the data variables, among them those that the sensors add."""
     sights = [variant.sight for variant in result.variants]
     passive = [sight for sight in sights if isinstance(sight, Radiances)]
     kind = np.result_type(*(sight.optical_depth for sight in sights))
@@ -154,7 +155,10 @@ def _radiometric(passive: list[Radiances], kind: Any) -> dict[str, Variable]:
 
 
 def _spectral(sums: list[tuple[Any, Array]], units: str, name: str, kind: Any) -> Variable:
-    """Returns the sum of both terms of each variant, added at once in the type that is stored."""
+    """Returns a variable (variant, frequency, y, x), the sum of two terms for each variant.
+
+    The sums are formed in the type `kind`, in which they are stored.
+    """
     stored = np.empty((len(sums), *sums[0][1].shape), kind)
     for (base, plane), out in zip(sums, stored, strict=True):
         np.add(base, plane, out=out, casting="same_kind")
@@ -162,19 +166,21 @@ def _spectral(sums: list[tuple[Any, Array]], units: str, name: str, kind: Any) -
 
 
 def _pixel_attrs(units: str, name: str) -> dict[str, Any]:
+    """Returns the attributes of a variable over the pixels."""
     return {"units": units, "long_name": name, "coordinates": "y_angle x_angle"}
 
 
 def _shared(
     values: list[Array], attrs: Mapping[str, Any], dims: tuple[str, ...] = PLANE
 ) -> Variable:
-    """Returns a variable that has a variant dimension only if the variants differ."""
+    """Returns a variable that has the dimension variant only if the variants' values differ."""
     if all(v is values[0] or np.array_equal(v, values[0]) for v in values):
         return Variable(dims, values[0], dict(attrs))
     return Variable(("variant", *dims), np.stack(values), dict(attrs))
 
 
 def _flags(targets: tuple[str, ...]) -> dict[str, Any]:
+    """Returns the attributes of the variable `target`, with the name of each target."""
     return {
         "long_name": "what the pixel shows",
         "flag_values": np.arange(len(targets), dtype=np.int32),
@@ -183,7 +189,7 @@ def _flags(targets: tuple[str, ...]) -> dict[str, Any]:
 
 
 def _images(images: list[Image], kind: Any) -> dict[str, Variable]:
-    """Returns the sensors' images and those layers that all have, (variant, y, x)."""
+    """Returns the sensors' images, and the layers that all images have, (variant, y, x)."""
     first = images[0]
     planes = {"image": (first.unit, first.quantity, [image.values for image in images])}
     for name, layer in first.layers.items():
@@ -197,12 +203,13 @@ def _images(images: list[Image], kind: Any) -> dict[str, Variable]:
 
 
 def _stacked(values: list[Array], kind: Any) -> Array:
-    """Returns planes of real numbers at the precision of the arithmetic, others as they are."""
+    """Returns planes in one array: real numbers in the type `kind`, others in their own."""
     real = np.asarray(values[0]).dtype.kind == "f"
     return np.stack(values, dtype=kind if real else None, casting="same_kind")
 
 
 def _difference(result: Contents, found: Mapping[str, Variable]) -> dict[str, Variable]:
+    """Returns the difference of two images, if the scene asks for it."""
     values = result.image_difference()
     if values is None or result.difference is None:
         return {}
@@ -211,7 +218,7 @@ def _difference(result: Contents, found: Mapping[str, Variable]) -> dict[str, Va
 
 
 def _cubes(cubes: tuple[Cube, ...]) -> dict[str, Variable]:
-    """Returns humidity and, if it fluctuates, temperature of the saved cubes' voxels."""
+    """Returns the humidity and, if it fluctuates, the temperature of the saved cubes' voxels."""
     if not cubes:
         return {}
     size = cubes[0].voxel_m

@@ -1,4 +1,4 @@
-"""The result of a run: written as NetCDF, drawn, handed to xarray, summed up."""
+"""The result of a run, with methods that write, draw, convert and sum it up."""
 
 from __future__ import annotations
 
@@ -14,19 +14,22 @@ if TYPE_CHECKING:
 
 
 class Result(Contents):
-    """All that a run found out, with what can be done with it."""
+    """The data of a run, with methods that write, draw, convert and sum them up."""
 
     def save(self, path: str | Path) -> Path:
-        """Writes the NetCDF-4 file, whole or not at all. Raises OSError."""
+        """Writes the NetCDF-4 file, whole or not at all, and returns its path.
+
+        Raises OSError if the file cannot be written.
+        """
         path = Path(path)
         write_whole(path, lambda part: netcdf.write(self, part))
         return path
 
     def figure(self, path: str | Path) -> Path:
-        """Writes a picture of the variants side by side, whole or not at all.
+        """Writes a picture of the variants side by side, whole or not at all; returns its path.
 
-        The path's ending says in which format: .png, .pdf or .svg. Raises FileError for another
-        ending, and OSError.
+        The path ends in its format: .png, .pdf or .svg. Raises FileError for another ending, and
+        OSError if the file cannot be written.
         """
         from thzcl.results.figure import draw, picture_format
 
@@ -36,7 +39,10 @@ class Result(Contents):
         return path
 
     def to_xarray(self) -> xarray.Dataset:
-        """Returns the result as xarray dataset, as it stands in the file. Needs xarray."""
+        """Returns the contents of the result file as an xarray dataset.
+
+        Raises ImportError if xarray is not installed.
+        """
         import xarray
 
         data, coordinates = (
@@ -46,7 +52,7 @@ class Result(Contents):
         return xarray.Dataset(data, coordinates, netcdf.attributes(self))
 
     def summary(self) -> dict[str, Any]:
-        """Returns what `thzcl run --format json` prints, less the files."""
+        """Returns what `thzcl run --format json` prints, the names of files not included."""
         return summary.summary(self)
 
     def _repr_html_(self) -> str:

@@ -1,4 +1,4 @@
-"""The numbers of a result in short: what `thzcl run --format json` prints, and notebooks show."""
+"""A summary of a result, as `thzcl run --format json` prints it and notebooks show it."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from thzcl.sensor import Radiances
 
 
 def summary(result: Contents) -> dict[str, Any]:
-    """Returns what `thzcl run --format json` prints, less the files."""
+    """Returns what `thzcl run --format json` prints, the names of files not included."""
     return {
         "scenario": result.scenario,
         "device": result.device,
@@ -27,6 +27,7 @@ def summary(result: Contents) -> dict[str, Any]:
 
 
 def _of_variant(variant: VariantResult, names: tuple[str, ...]) -> dict[str, Any]:
+    """Returns the summary of one variant: its targets, and facts about its image."""
     facts = variant.image.facts if variant.image else {}
     valued = {name: {"value": value, "unit": unit} for name, (value, unit) in facts.items()}
     return {"name": variant.name, "targets": target_table(variant, names), "facts": valued}
@@ -35,11 +36,11 @@ def _of_variant(variant: VariantResult, names: tuple[str, ...]) -> dict[str, Any
 def target_table(
     variant: VariantResult, names: tuple[str, ...]
 ) -> dict[str, dict[str, float | None]]:
-    """Returns, by target, its pixels and their means over all frequencies.
+    """Returns, by the target's name, its number of pixels and means over them and all frequencies.
 
-    These are the contrast to the air and its spread, in K, optical depth and transmission. An
-    active sensor has no contrast in kelvin, and its depth and transmission are those of the way
-    out and back. A target that no pixel shows is left out.
+    The means are those of the contrast to the air in K, with its standard deviation, of the optical
+    depth and of the transmission. With an active sensor there is no contrast, and depth and
+    transmission are those of the way out and back. A target that no pixel shows is left out.
     """
     sight = variant.sight
     flags = sight.target.ravel().astype(np.intp)
@@ -91,8 +92,10 @@ def html(result: Contents) -> str:
 
 
 def _row(tag: str, cells: tuple[str, ...]) -> str:
+    """Returns a row of an HTML table, with cells of the element `tag`."""
     return f"<tr>{''.join(f'<{tag}>{escape(cell)}</{tag}>' for cell in cells)}</tr>"
 
 
 def _kelvins(value: float | None) -> str:
+    """Returns a difference in kelvins with its sign and unit, or nothing for None."""
     return "" if value is None else f"{value:+.4g} K"

@@ -1,4 +1,4 @@
-"""The versions that a result depends on."""
+"""The versions of the software that a result depends on."""
 
 from __future__ import annotations
 
@@ -13,6 +13,6 @@ PACKAGES = ("numpy", "scipy", "pyopencl", "reikna", "pluggy", "pydantic", "h5net
 def versions() -> dict[str, str]:
     """Returns the versions of thzcl, Python and the packages that numbers depend on."""
     own = {"thzcl": VERSION, "python": platform.python_version()}
-    # A loaded package tells its version at once; metadata of others take milliseconds to find.
+    # A loaded package knows its version; the metadata of others take milliseconds to find.
     loaded = {name: getattr(sys.modules.get(name), "__version__", None) for name in PACKAGES}
     return own | {name: known or version(name) for name, known in loaded.items()}

@@ -1,7 +1,8 @@
-"""Sums over a frequency band: frequencies and weights that resolve the lines within it, or those of the paper.
+"""Sums over a frequency band: frequencies and weights that resolve its lines, or the paper's steps.
 
-What is summed is response times black-body radiance times exp(-K(nu) s) over paths s of several lengths; the lines are
-narrow, a few GHz at one atmosphere and a few MHz at one hPa. Gauss-Legendre rules are halved until halving changes nothing.
+The summand is response times black-body radiance times exp(-K(nu) s), for paths of several lengths
+s. The lines are narrow, a few GHz at one atmosphere and a few MHz at 1 hPa. The band is covered by
+Gauss-Legendre rules, each on a part that is halved until halving changes next to nothing.
 """
 
 from __future__ import annotations
@@ -20,28 +21,37 @@ Array = NDArray[np.float64]
 
 TOLERANCE = 1e-5  # of the radiance that the shortest path lets through
 _POINTS = 7  # of the rule on each part of the band
-_DEEPEST = 24  # halvings: a hundredth of a kHz in 100 GHz
-_GAUSSIAN_WIDTHS = 1.5  # half width of what counts of a Gaussian, in full widths at half maximum: all but 4e-4 of it
+_DEEPEST = 24  # halvings, which make parts of 6 kHz out of 100 GHz
+_GAUSSIAN_WIDTHS = 1.5  # full widths at half maximum to either edge: all but 4e-4 of a Gaussian
 
 
 class Sight(Protocol):
-    """What must be known of the scene; thzcl.sensor.View has it."""
+    """What a sum over a band must know of the scene; thzcl.sensor.View is one."""
 
     @property
-    def air_temperature_k(self) -> float: ...  # noqa: D102 (View's)
+    def air_temperature_k(self) -> float:
+        """Returns the temperature of the mean air, K."""
+
     @property
-    def path_m(self) -> tuple[float, float]: ...  # noqa: D102
+    def path_m(self) -> tuple[float, float]:
+        """Returns about the lengths of the shortest and the longest path, m."""
+
     @property
-    def absorption(self) -> Callable[[Array], Array]: ...  # noqa: D102
+    def absorption(self) -> Callable[[Array], Array]:
+        """Returns the function that gives the mean air's absorption in 1/m at frequencies in Hz."""
+
     @property
-    def lines_hz(self) -> Array: ...  # noqa: D102
+    def lines_hz(self) -> Array:
+        """Returns the centre frequencies of the air's lines, Hz."""
+
     @property
-    def line_width_hz(self) -> float: ...  # noqa: D102
+    def line_width_hz(self) -> float:
+        """Returns about the width of the air's lines, Hz."""
 
 
 @dataclass(frozen=True)
 class Band:
-    """A band from `low_hz` to `high_hz` and its response at frequencies in Hz."""
+    """A band from `low_hz` to `high_hz`, and the function that gives its response at (n,) Hz."""
 
     low_hz: float
     high_hz: float
@@ -50,9 +60,10 @@ class Band:
 
 @dataclass(frozen=True)
 class Quadrature:
-    """Frequencies in Hz, ascending, and weights in Hz, the response included.
+    """A rule that sums over a band: ascending frequencies in Hz, and weights in Hz, both (node,).
 
-    `error` is relative to the radiance that the shortest path lets through.
+    The weights include the band's response. `error` is the sum's error, relative to the radiance
+    that passes the shortest path; it is NaN where it was not estimated.
     """
 
     frequency_hz: Array
@@ -61,15 +72,15 @@ class Quadrature:
 
 
 def named(shape: str, center_hz: float, width_hz: float) -> Band:
-    """A "flat" band, or a "gaussian" one whose width is that at half maximum.
+    """Returns a "flat" band, or a "gaussian" one whose width is that at half maximum.
 
-    Raises ValueError outside 0 to 1780 GHz.
+    Raises ValueError for a band that is not within 0 to 1780 GHz.
     """
     half = width_hz / 2 if shape == "flat" else _GAUSSIAN_WIDTHS * width_hz
     if not 0 < center_hz - half < center_hz + half <= 1780e9:
         raise ValueError(
-            f"center_ghz and bandwidth_ghz make a band of {(center_hz - half) / 1e9:g} to {(center_hz + half) / 1e9:g} GHz; "
-            "it must lie above 0 and up to 1780 GHz"
+            f"center_ghz and bandwidth_ghz make a band of {(center_hz - half) / 1e9:g} to "
+            f"{(center_hz + half) / 1e9:g} GHz; it must lie above 0 and up to 1780 GHz"
         )
     if shape == "flat":
         return Band(center_hz - half, center_hz + half, np.ones_like)
@@ -81,9 +92,10 @@ def named(shape: str, center_hz: float, width_hz: float) -> Band:
 
 
 def tabulated(table: Array, name: str) -> Band:
-    """Returns the band of a table's rows of frequency in GHz and response, linear between them.
+    """Returns the band of a table (row, 2) of frequencies in GHz and responses.
 
-    `name` is what messages call the table. Raises FileError for one that is no band.
+    The response is linear between the rows. `name` is what messages call the table. Raises
+    FileError if the table is no band.
     """
     if table.shape[1] != 2 or len(table) < 2:
         raise FileError(
@@ -104,7 +116,7 @@ def tabulated(table: Array, name: str) -> Band:
 
 
 def resolve(band: Band, sight: Sight, tolerance: float = TOLERANCE) -> Quadrature:
-    """As few frequencies as resolve the band's lines, for every length of path."""
+    """Returns as few frequencies as resolve the band's lines, for every length of path."""
     edges = _first_edges(band, sight)
     low, high = edges[:-1], edges[1:]
     whole = _parts(band, sight, low, high)
@@ -115,7 +127,7 @@ def resolve(band: Band, sight: Sight, tolerance: float = TOLERANCE) -> Quadratur
         middle = (low + high) / 2
         left, right = _parts(band, sight, low, middle), _parts(band, sight, middle, high)
         change = np.abs(whole - left - right).max(axis=1)
-        # Errors add up: a part may have its share of the band, or what rounding leaves.
+        # Errors add up, so that a part may have its share of the tolerance by width, or a floor.
         share = tolerance * scale * np.maximum((high - low) / (band.high_hz - band.low_hz), 1e-3)
         done = (change <= share) | (depth == _DEEPEST)
         accepted.append((low[done], high[done]))
@@ -137,17 +149,18 @@ def resolve(band: Band, sight: Sight, tolerance: float = TOLERANCE) -> Quadratur
 
 
 def _reference(radiance: Array) -> float:
-    """What errors are relative to, of radiances by length of path: the shortest.
+    """Returns the radiance that errors are divided by: what passes the shortest path.
 
-    Or a trillionth where nothing passes it.
+    `radiance` (length of path,) starts with that before any air; a trillionth of this is the least
+    that is returned.
     """
     return float(max(radiance[1], 1e-12 * radiance[0]))
 
 
 def _first_edges(band: Band, sight: Sight) -> Array:
-    """Where the band is cut before anything is known.
+    """Returns the edges of the band's first parts, ascending, Hz.
 
-    Finer and finer towards lines that a coarse rule could not see.
+    The parts grow finer towards lines that are too narrow for a coarse rule to notice.
     """
     width = band.high_hz - band.low_hz
     edges = [np.array([band.low_hz, band.high_hz])]
@@ -162,9 +175,10 @@ def _first_edges(band: Band, sight: Sight) -> Array:
 
 
 def paper(band: Band, step_hz: float, reading: str) -> Quadrature:
-    """O'Brien and Tofsted's steps: the mean over "edges", the "trapezoid" rule between them.
+    """Returns a rule of equal steps, as O'Brien and Tofsted sum over a band.
 
-    Or the middles of "bins".
+    `reading` is "edges" for the mean over the band's edges and the steps between them, "trapezoid"
+    for the trapezoid rule over the same frequencies, or "bins" for the middles of the steps.
     """
     width = band.high_hz - band.low_hz
     steps = max(1, round(width / step_hz))
@@ -181,38 +195,38 @@ def paper(band: Band, step_hz: float, reading: str) -> Quadrature:
 
 
 def error(used: Quadrature, resolved: Quadrature, sight: Sight) -> float:
-    """The largest error over the lengths of path.
+    """Returns the largest error of the `used` rule over the lengths of path.
 
-    Relative to the radiance that the shortest lets through.
+    It is relative to the radiance that passes the shortest path; `resolved` stands for the truth.
     """
 
     def radiance(quadrature: Quadrature) -> Array:
         return quadrature.weights @ _integrand(sight, quadrature.frequency_hz)
 
     exact = radiance(resolved)
-    # Each rule is held to the mean radiance that its own weights make.
-    found = radiance(used) * resolved.weights.sum() / used.weights.sum()
-    return float(np.max(np.abs(found - exact)) / _reference(exact))
+    # Mean radiances are compared, each over the sum of its own rule's weights.
+    approximate = radiance(used) * resolved.weights.sum() / used.weights.sum()
+    return float(np.max(np.abs(approximate - exact)) / _reference(exact))
 
 
 def _parts(band: Band, sight: Sight, low: Array, high: Array) -> Array:
-    """Integrals over parts of the band, (part, length of path); the first is without any air."""
+    """Returns integrals over parts of the band, (part, length of path); length 0 comes first."""
     frequency_hz, weights = _rule(low, high)
     values = _integrand(sight, frequency_hz.ravel()) * band.response(frequency_hz.ravel())[:, None]
     return np.asarray(np.einsum("pn,pns->ps", weights, values.reshape(*frequency_hz.shape, -1)))
 
 
 def _rule(low: Array, high: Array) -> tuple[Array, Array]:
-    """Gauss-Legendre frequencies and weights on each part, (part, point)."""
+    """Returns Gauss-Legendre frequencies and weights in Hz on each part, both (part, point)."""
     x, w = np.polynomial.legendre.leggauss(_POINTS)
     middle, half = (low + high)[:, None] / 2, (high - low)[:, None] / 2
     return middle + half * x, half * w
 
 
 def _integrand(sight: Sight, frequency_hz: Array) -> Array:
-    """Radiance behind paths of none, and of the shortest to twice the longest length, (frequency.
+    """Returns the air's black-body radiance behind paths of several lengths, (frequency, length).
 
-    Length).
+    The first length is 0; the others run from the shortest path to twice the longest.
     """
     lengths = np.array([0.0, *np.geomspace(sight.path_m[0], sight.path_m[1] * 2, 6)])
     radiance = radiometry.planck(frequency_hz, sight.air_temperature_k)

@@ -120,17 +120,17 @@ class CarriedSpec(Spec):
         """Returns the rays on the host."""
         del device
         depth, contrast, shown = back.depth, back.contrast, back.surface
-        ways = [back.path_length]
-        for way in out:
+        ways = {self.back: back.path_length}  # out and back through the same air are one way
+        for spec, way in zip(self.out, out, strict=True):
             contrast = contrast * np.exp(-way.depth) * (way.surface > 0)
             depth = depth + way.depth
             shown = np.where(way.surface > 0, shown, np.int32(0))
-            ways.append(way.path_length)
+            ways[spec] = way.path_length
         raster = self.ends.geometry.raster
         return Rays(
             on_raster(raster, self.spectrum.mean_depth(depth, self.sources)),
             on_raster(raster, self.spectrum.planes(contrast)),
-            tuple(on_raster(raster, way) for way in ways),
+            tuple(on_raster(raster, way) for way in ways.values()),
             on_raster(raster, shown),
             np.broadcast_to(np.False_, (raster.rows, raster.columns)),
         )

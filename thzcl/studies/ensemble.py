@@ -1,6 +1,6 @@
-"""Statistics of images over independent realisations of the air.
+"""Statistics of images over independent realisations of the air, which come one by one.
 
-Realisations come one by one, and memory does not grow with them.
+The memory needed does not grow with the number of realisations.
 """
 
 from __future__ import annotations
@@ -17,7 +17,10 @@ Array = NDArray[Any]
 
 
 class Running:
-    """Mean, variance, least and largest of arrays that come one after the other (Welford 1962)."""
+    """Running mean, variance, minimum and maximum over arrays of one shape.
+
+    The variance is updated by the method of Welford (1962), Technometrics 4, 419.
+    """
 
     def __init__(self) -> None:
         self.count = 0
@@ -27,7 +30,7 @@ class Running:
         self.high: Array = np.zeros(())
 
     def add(self, values: Array) -> None:
-        """Takes one more array in."""
+        """Adds one array to the statistics."""
         values = np.asarray(values, dtype=np.float64)
         self.count += 1
         if self.count == 1:
@@ -42,19 +45,19 @@ class Running:
 
     @property
     def variance(self) -> Array:
-        """Returns the variance of the ensemble, estimated without bias."""
+        """Returns the unbiased estimate of the variance, which is 0 for a single array."""
         return np.asarray(self._squares / max(self.count - 1, 1))
 
 
 class Ensemble:
-    """What is kept of all images of one variant."""
+    """The statistics of the images of one variant, and of what reached its pixels."""
 
     def __init__(self) -> None:
         self._planes: dict[str, Running] = {}
         self._last: tuple[Radiances | Echoes, Image] | None = None
 
     def add(self, sight: Radiances | Echoes, image: Image) -> None:
-        """Takes one realisation in."""
+        """Adds one realisation to the statistics."""
         signal = sight.returned if isinstance(sight, Echoes) else sight.contrast
         planes = {"signal": signal, "depth": sight.optical_depth, "image": image.values}
         planes |= {f"layer {name}": layer.values for name, layer in image.layers.items()}
@@ -65,9 +68,10 @@ class Ensemble:
     def mean(self) -> tuple[Radiances | Echoes, Image]:
         """Returns the mean of what reached the pixels, and the mean image.
 
-        The image has its variance and spread over the realisations as layers.
+        The image has its variance and its spread over the realisations as layers. It must not be
+        called before a realisation has been added.
         """
-        assert self._last is not None  # noqa: S101 (there is one realisation at least)
+        assert self._last is not None  # noqa: S101 (see above)
         sight, image = self._last
         kind = sight.optical_depth.dtype
         means = {name: plane.mean for name, plane in self._planes.items()}
@@ -85,6 +89,7 @@ class Ensemble:
         )
 
     def _statistics(self, image: Image) -> dict[str, Layer]:
+        """Returns the variance of the image, and its largest less its smallest value, as layers."""
         plane = self._planes["image"]
         squared = "1" if image.unit == "1" else f"({image.unit})^2"
         return {

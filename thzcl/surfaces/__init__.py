@@ -1,1 +1,1 @@
-"""What rays end on."""
+"""The surfaces that rays end on, the camera that the rays start from, and their radiance."""

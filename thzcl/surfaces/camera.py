@@ -1,4 +1,4 @@
-"""The pinhole camera: rasters of rays, their frame in the world, and angles."""
+"""The pinhole camera: its rasters of rays, their frame in the world, and their angles."""
 
 from __future__ import annotations
 
@@ -14,9 +14,10 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Raster:
-    """The rays of an image: `rows` x `columns` of them, `block` (rows, columns) to a pixel.
+    """The rays of an image, in `rows` and `columns`; `block` (rows, columns) of them form a pixel.
 
-    A `margin` of so many rays surrounds the image on every side, for optics that blur it.
+    On every side of the image there are `margin` more rays, for optics that blur it. They are
+    included in `rows` and `columns`.
     """
 
     rows: int
@@ -37,7 +38,7 @@ class Raster:
 
 
 def raster(camera: Camera) -> Raster:
-    """Returns a camera's rays; n samples per pixel form the most nearly square block of n."""
+    """Returns a camera's rays; the samples of a pixel form a block as square as possible."""
     n = camera.samples_per_pixel
     rows = max(k for k in range(1, int(n**0.5) + 1) if n % k == 0)
     width, height = camera.pixels
@@ -45,20 +46,24 @@ def raster(camera: Camera) -> Raster:
 
 
 def pixel_angles(camera: Camera) -> tuple[float, float]:
-    """Returns width and height of a pixel at the image centre, rad."""
+    """Returns the width and the height of a pixel at the image centre, rad."""
     sizes = zip(camera.focal_plane_mm, camera.pixels, strict=True)
     width, height = (size / camera.focal_length_mm / n for size, n in sizes)
     return width, height
 
 
 def camera_frame(camera: Camera, rays: Raster) -> Array:
-    """Returns position, direction of the centre, and the steps of one column and row, (4, 3)."""
+    """Returns the frame of a camera in the world, (4, 3), for a raster of rays.
+
+    Its rows are the position in m, the direction of the image centre, and the steps of one column
+    to the right and of one row up.
+    """
     position, look_at = np.array(camera.position_m), np.array(camera.look_at_m)
     forward = (look_at - position) / np.linalg.norm(look_at - position)
     right = np.cross(forward, camera.up)
     if np.linalg.norm(right) < 1e-9 * np.linalg.norm(camera.up):
         right = np.cross(forward, (0.0, 1.0, 0.0))
-    if np.linalg.norm(right) < 1e-9:  # up is +y, and so is the line of sight
+    if np.linalg.norm(right) < 1e-9:  # up and the line of sight are both along y
         right = np.cross(forward, (0.0, 0.0, 1.0))
     right /= np.linalg.norm(right)
     up = np.cross(right, forward)
@@ -68,7 +73,10 @@ def camera_frame(camera: Camera, rays: Raster) -> Array:
 
 
 def directions(frame: Array, rays: Raster, numbers: NDArray[np.int64]) -> Array:
-    """Returns directions of rays by number, (n, 3), with component 1 along the optical axis."""
+    """Returns the directions of rays by number, (n, 3).
+
+    Their component along the optical axis is 1. `frame` (4, 3) is that of the camera.
+    """
     _, forward, right, up = frame
     rows, columns = np.divmod(numbers, rays.columns)
     u = columns + 0.5 - 0.5 * rays.columns
@@ -77,7 +85,7 @@ def directions(frame: Array, rays: Raster, numbers: NDArray[np.int64]) -> Array:
 
 
 def pixel_frame(camera: Camera) -> tuple[Array, Raster]:
-    """Returns the frame and the raster of one ray through the middle of each pixel."""
+    """Returns the frame and the raster of a camera with one ray through each pixel's middle."""
     width, height = camera.pixels
     middles = Raster(height, width, (1, 1))
     return camera_frame(camera, middles), middles

@@ -1,4 +1,4 @@
-"""Where rays end, found on the device: the nearest surface, or the largest range."""
+"""Finds on the device where rays end: at the nearest surface, or at the largest range."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import DTypeLike, NDArray
 
 from thzcl.device.opencl import GROUP, Buffer, Device
 from thzcl.graph import LeftOut, Memory, Spec, Values, Work, frozen
@@ -14,7 +14,7 @@ from thzcl.surfaces import geometry
 from thzcl.surfaces.geometry import Geometry, Things
 
 Array = NDArray[np.float64]
-_NEEDLESS = {
+_LEFT_OUT = {
     "ground": "no [ground]: no ground test in the kernel",
     "boxes": "no box targets: no box test in the kernel",
     "billboards": "no billboards: no texture in the kernel",
@@ -23,13 +23,13 @@ _NEEDLESS = {
 
 @dataclass(frozen=True)
 class Followed:
-    """The rays of a raster that are followed: those of the given `numbers`, or all."""
+    """The rays of a raster that are followed: those of some `numbers`, or all if that is None."""
 
     count: int
     numbers: Buffer | None
 
     def padded(self, device: Device, precision: str) -> int:
-        """Returns how many slots they take in whole groups of packets."""
+        """Returns the number of rays, padded to whole groups of packets."""
         packet = device.lanes(precision) * GROUP
         return -(-self.count // packet) * packet
 
@@ -43,12 +43,14 @@ def follow(device: Device, shape: Geometry, picked: NDArray[Any] | None = None) 
 
 @dataclass(frozen=True)
 class RayEnds:
-    """Where rays end, on the device; arrays are padded to whole groups of packets.
+    """The ends of rays, (ray,) on the device, padded to whole groups of packets.
 
-    `reach` is how far the camera's ray goes and `end` how far the ray that is followed, both in the
-    ray's parameter; `stretch` metres per unit of the latter's, `path_length` its length in metres.
-    `surface` is a number, `blend` how far towards the next one, `cosine` that of the angle between
-    ray and normal (one value where it is not asked for). `start` is a transmitter, or None.
+    `reach` is the parameter at which the camera's ray ends. `end` is the parameter at which the ray
+    that is followed ends; it differs from `reach` on the way from a transmitter. `stretch` is the
+    length in metres of one unit of that parameter, and `path_length` the ray's length in metres.
+    `surface` is the number of the surface met, `blend` the weight of the surface with the next
+    number. `cosine` is that of the angle between ray and surface normal, a single value if it is
+    not asked for. `start` is the place of a transmitter, or None for rays of the camera.
     """
 
     geometry: Geometry
@@ -68,14 +70,14 @@ class RayEnds:
         return len(self.reach)
 
     def start_frame(self) -> Array:
-        """Returns the frame in the world from which rays start, (6, 3)."""
+        """Returns the frame of the rays in the world, (6, 3), as geometry.world_frame makes it."""
         start = None if self.start is None else np.array(self.start)
         return geometry.world_frame(self.geometry.frame.array, start)
 
 
 @frozen
 class EndsSpec(Spec):
-    """Where the rays of a raster end."""
+    """The ends of all rays of a raster, on the device."""
 
     geometry: Geometry
     precision: str
@@ -83,43 +85,44 @@ class EndsSpec(Spec):
 
     @property
     def camera(self) -> EndsSpec:
-        """Returns these ends: they are the camera's."""
+        """Returns this spec, since its ends are those of the camera's rays."""
         return self
 
     def run(self, device: Device) -> RayEnds:
-        """Returns the ends on the device."""
+        """Returns the ends of the rays on the device."""
         return find_ends(device, self.geometry, self.precision, cosine=self.cosine)
 
     @property
     def stage(self) -> str:  # type: ignore[override]
-        """Returns the kind of surface that takes most time, or "trace" where there is none."""
+        """Returns the kind of surface that takes most time, or "trace" if there are no surfaces."""
         return (*self.geometry.things.kinds, "trace")[-2:][0]
 
     def describe(self) -> dict[str, Work | LeftOut]:
-        """Returns the kinds of surfaces that rays are tested against."""
+        """Returns, by kind of surface, how many rays are tested against, or why none is."""
         things = self.geometry.things
         boxes, boards = things.boxes.shape[0], things.billboards.shape[0]
         words = {"ground": "the scene has a ground", "boxes": _count(boxes, "box", "boxes")}
         words["billboards"] = _count(boards, "billboard", "billboards")
         return {
             kind: Work("", words[kind]) if kind in things.kinds else LeftOut(why)
-            for kind, why in _NEEDLESS.items()
+            for kind, why in _LEFT_OUT.items()
         }
 
     def memory(self) -> Memory:
-        """Returns eight values a ray, some of them wide."""
+        """Returns the sizes of the arrays of ends, and of the textures."""
         rays, real = self.geometry.raster.rays, np.dtype(self.precision).itemsize
         texels = 4 * self.geometry.things.texels.shape[0]
         return Memory((8 * rays, *(real * rays,) * (2 + self.cosine), 4 * rays, texels))
 
 
 def _count(number: int, one: str, many: str) -> str:
+    """Returns a number with its noun in singular or plural."""
     return f"{number} {one if number == 1 else many}"
 
 
 @frozen
 class OutgoingSpec(Spec):
-    """The ways from a transmitter to what each ray of the camera met."""
+    """The ways from a transmitter to the surface that each ray of the camera meets."""
 
     ends: EndsSpec
     transmitter_m: tuple[float, float, float]
@@ -133,24 +136,24 @@ class OutgoingSpec(Spec):
 
     @property
     def geometry(self) -> Geometry:
-        """Returns the camera's rays and what they can meet."""
+        """Returns the geometry of the camera's rays and of what they can meet."""
         return self.ends.geometry
 
     @property
     def precision(self) -> str:
-        """Returns the arithmetic on the device."""
+        """Returns the type of the arithmetic on the device."""
         return self.ends.precision
 
     def run(self, device: Device, ends: RayEnds) -> RayEnds:
-        """Returns the ways on the device; those to what is not lit have no length."""
+        """Returns the ways on the device; a way has no length if its surface is not lit."""
         return outgoing_ends(device, ends, self.transmitter_m, self.precision)
 
     def describe(self) -> dict[str, Work | LeftOut]:
-        """Returns that there is a second way."""
+        """Returns that light goes out on another way than it comes back."""
         return {"outgoing-path": Work("", "bistatic: from the transmitter to what is seen")}
 
     def memory(self) -> Memory:
-        """Returns three values a ray."""
+        """Returns the sizes of the arrays of ends and surfaces."""
         rays, real = self.geometry.raster.rays, np.dtype(self.precision).itemsize
         return Memory((8 * rays, real * rays, 4 * rays))
 
@@ -163,7 +166,10 @@ def find_ends(
     cosine: bool = False,
     picked: NDArray[Any] | None = None,
 ) -> RayEnds:
-    """Returns where every ray of the camera, or every one picked by number, ends."""
+    """Returns the ends of all rays of the camera, or of those picked by number.
+
+    `cosine` says whether the cosine between ray and surface normal is computed.
+    """
     followed = follow(device, shape, picked)
     padded = followed.padded(device, precision)
     options = [*_kinds(shape.things), *(["COSINE"] if cosine else [])]
@@ -196,9 +202,9 @@ def find_ends(
 def outgoing_ends(
     device: Device, ends: RayEnds, transmitter_m: tuple[float, float, float], precision: str
 ) -> RayEnds:
-    """Returns the ways from a transmitter to what each ray met.
+    """Returns the ways from a transmitter to the surface that each ray of the camera meets.
 
-    Where nothing was met, or something stands between, there is no way at all.
+    A way has no length if the ray meets no surface, or if another surface stands in the way.
     """
     shape = ends.geometry
     options = [*_kinds(shape.things), "OUTGOING"]
@@ -229,12 +235,12 @@ def _kinds(things: Things) -> list[str]:
 
 
 def _things(device: Device, things: Things) -> tuple[object, ...]:
-    """Returns the kernel arguments that describe what can be met.
+    """Returns the kernel arguments that describe the things that rays can meet.
 
-    Of nothing there is one row, which is not looked at.
+    A table without rows is passed as one row of zeros, which the kernel does not read.
     """
 
-    def table(rows: Values, dtype: Any) -> Buffer:
+    def table(rows: Values, dtype: DTypeLike) -> Buffer:
         return device.put(rows.array if rows.data else np.zeros(8), dtype)
 
     return (
@@ -249,10 +255,10 @@ def _things(device: Device, things: Things) -> tuple[object, ...]:
 
 
 def raster_size(shape: Geometry) -> tuple[np.int32, np.int32]:
-    """Returns the kernel arguments for a raster's width and height."""
+    """Returns the kernel arguments for the columns and the rows of a raster."""
     return np.int32(shape.raster.columns), np.int32(shape.raster.rows)
 
 
 def ray_list(followed: Followed) -> tuple[Buffer | None, np.int32]:
-    """Returns the kernel arguments that say which rays are followed; of all there is no list."""
+    """Returns the kernel arguments for the rays that are followed, with no list if all are."""
     return followed.numbers, np.int32(followed.count)

@@ -1,6 +1,6 @@
-"""Where a sample of rays ends, found on the host: what plans are made by.
+"""Finds on the host where a sample of an image's rays ends, so that plans can be made.
 
-Billboards count as whole rectangles of one shade, and boxes have no stripes.
+Billboards are taken as whole rectangles of one shade, and boxes as without stripes.
 """
 
 from __future__ import annotations
@@ -15,14 +15,14 @@ from thzcl.surfaces.camera import directions
 from thzcl.surfaces.geometry import BACKGROUND, FIRST_TARGET, GROUND, Geometry
 
 Array = NDArray[np.float64]
-SAMPLED = 64  # rows and columns of the raster, of whose rays an image is judged
+SAMPLED = 64  # rows, and columns, of the raster whose rays are sampled
 
 
 @dataclass(frozen=True)
 class SampledRays:
     """A sample of an image's rays: unit directions (n, 3), lengths (n,) in m, surfaces met (n,).
 
-    `rows` is how many rows of the raster they lie in, each with as many rays.
+    They lie in `rows` rows of the raster, with equally many rays in each.
     """
 
     direction: Array
@@ -48,7 +48,7 @@ def sampled_rays(shape: Geometry) -> SampledRays:
 def first_met(shape: Geometry, direction: Array) -> tuple[Array, NDArray[np.int32]]:
     """Returns the ray parameter at the nearest surface, and the surface's number, both (n,).
 
-    `direction` (n, 3) as camera.directions makes it; rays that meet nothing end at max_range_m.
+    `direction` (n, 3) is what camera.directions returns. Rays that meet nothing end at max_range_m.
     """
     origin, things = shape.frame.array[0], shape.things
     nearest = things.max_range_m / np.linalg.norm(direction, axis=1)
@@ -61,7 +61,10 @@ def first_met(shape: Geometry, direction: Array) -> tuple[Array, NDArray[np.int3
 
 
 def _hits(shape: Geometry, origin: Array, direction: Array) -> list[tuple[int, Array]]:
-    """Returns for each thing its surface's number and where rays meet it, inf where they do not."""
+    """Returns, for each thing, its surface's number and the parameter at which rays meet it.
+
+    The parameters (n,) are inf for rays that do not meet the thing.
+    """
     things = shape.things
     hits: list[tuple[int, Array]] = []
     if things.ground:
@@ -76,6 +79,7 @@ def _hits(shape: Geometry, origin: Array, direction: Array) -> list[tuple[int, A
 
 
 def _to_box(origin: Array, direction: Array, box: Array) -> Array:
+    """Returns the ray parameters (n,) at a box, inf for rays that do not meet it."""
     center, half, (cosine, sine) = box[:3], box[3:6], box[6:]
     turn = np.array([[cosine, sine, 0], [-sine, cosine, 0], [0, 0, 1]])
     o, d = turn @ (origin - center), direction @ turn.T
@@ -88,6 +92,7 @@ def _to_box(origin: Array, direction: Array, box: Array) -> Array:
 
 
 def _to_billboard(origin: Array, direction: Array, board: Array) -> Array:
+    """Returns the ray parameters (n,) at a billboard, inf for rays that do not meet it."""
     place, (half_width, half_height, cosine, sine) = board[:3], board[3:]
     normal, across = np.array([cosine, sine, 0.0]), np.array([-sine, cosine, 0.0])
     hit = normal @ (place - origin) / (direction @ normal)

@@ -1,9 +1,9 @@
 """Ground, boxes and billboards as flat arrays for the kernels, in float64.
 
-World axes are metres, z up. A ray is its number in the raster of rays, row by row from the image's
-top left corner, as the camera sees it; a pixel of several samples is a small block of that raster.
-Along a ray the parameter s measures depth along the optical axis in metres: the point at s is
-origin + s * direction, and a length is s times the direction's norm.
+World axes are in metres, with z up. A ray is given by its number in the raster of rays, row by row
+from the top left corner of the image; a pixel of several samples is a small block of that raster.
+The parameter s of a ray is the depth along the optical axis in metres: the point at s is
+origin + s * direction, and its distance from the origin is s times the norm of the direction.
 """
 
 from __future__ import annotations
@@ -28,26 +28,28 @@ Locate = Callable[[str], Path]
 
 BACKGROUND, GROUND, FIRST_TARGET = 0, 1, 2  # surfaces, and flags of `target` in the result
 FACES = ("-x", "+x", "-y", "+y", "-z", "+z")
-LEVELS = 1025  # surfaces that stand for a texture of temperature: Planck is all but straight
+LEVELS = 1025  # surfaces of a texture of temperature, between which Planck is all but straight
 
 
 class Surface(NamedTuple):
-    """Something that a ray can meet, with one temperature (None: not given) and reflectivity."""
+    """A surface that a ray can meet, of one temperature (None if not given) and reflectivity."""
 
-    target: int  # flag of `target` in the result
+    target: int  # the flag in the result's variable `target`
     temperature_k: float | None
     reflectivity: float
 
 
 @frozen
 class Things:
-    """What rays can meet, as tables for the kernels.
+    """The things that rays can meet, as tables for the kernels.
 
-    A row of `boxes` is centre (3), half size (3), cosine and sine of the yaw; a row of `stripes`
-    is, for one face of one box in the order of FACES, the number of stripes and the surface of the
-    odd ones. A row of `billboards` is centre (3), half width and height, cosine and sine of the
-    front's direction; a row of `textures` where its `texels` begin, width, height, whether to take
-    the nearest, first surface, number of surfaces, and where its mask begins or -1.
+    A row of `boxes` holds the centre (3), half the size (3), and the cosine and sine of the yaw. A
+    row of `stripes` belongs to one face of one box, faces in the order of FACES; it holds the
+    number of stripes, and the surface of the odd stripes. A row of `billboards` holds the centre
+    (3), half the width and the height, and the cosine and sine of the direction that it faces. A
+    row of `textures` holds the index of its first texel in `texels`, its width and height, whether
+    the nearest texel is taken, its first surface, its number of surfaces, and the index of the
+    first texel of its mask, or -1.
     """
 
     ground: bool
@@ -60,7 +62,7 @@ class Things:
 
     @property
     def kinds(self) -> tuple[str, ...]:
-        """Returns the kinds of surfaces there are: "ground", "boxes", "billboards"."""
+        """Returns the kinds of things that exist, of "ground", "boxes" and "billboards"."""
         there = {
             "ground": self.ground,
             "boxes": self.boxes.shape[0] > 0,
@@ -73,8 +75,8 @@ class Things:
 class Geometry:
     """A raster of rays and the things that they can meet.
 
-    `frame` (4, 3) holds the camera's position, the direction of the image centre, and what one
-    column to the right and one row up add to it.
+    `frame` (4, 3) holds the camera's position in m, the direction of the image centre, and what one
+    column to the right and one row up add to that direction.
     """
 
     raster: Raster
@@ -85,8 +87,8 @@ class Geometry:
 def geometry(scene: Scene, locate: Locate, rays: Raster) -> tuple[Geometry, list[Surface]]:
     """Returns a scene's geometry, and its surfaces by number.
 
-    Surfaces are in order: background, ground, boxes, their stripes, billboards. `locate` finds the
-    files of pictures. Raises ValueError for those that cannot be used.
+    The surfaces are, in this order: background, ground, boxes, their stripes, billboards. `locate`
+    returns the path of a picture's file. Raises FileError for a picture that cannot be used.
     """
     surfaces = [Surface(BACKGROUND, scene.background.temperature_k, 0.0), _ground(scene)]
     numbered = list(enumerate(scene.targets.values(), start=FIRST_TARGET))
@@ -94,7 +96,7 @@ def geometry(scene: Scene, locate: Locate, rays: Raster) -> tuple[Geometry, list
     boards = [(flag, target) for flag, target in numbered if isinstance(target, Billboard)]
     box_rows, stripes = _boxes(boxes, surfaces)
     board_rows, textures, texels = _billboards(boards, locate, surfaces)
-    surfaces.append(surfaces[0])  # textures blend with the surface after theirs
+    surfaces.append(surfaces[0])  # the last level of a texture blends with the surface after it
     things = Things(
         scene.ground is not None,
         Values.of(box_rows),
@@ -108,6 +110,7 @@ def geometry(scene: Scene, locate: Locate, rays: Raster) -> tuple[Geometry, list
 
 
 def _ground(scene: Scene) -> Surface:
+    """Returns the ground's surface; without a ground it has no temperature and reflects nothing."""
     ground = scene.ground
     return Surface(
         GROUND, ground.temperature_k if ground else None, ground.reflectivity if ground else 0.0
@@ -115,7 +118,7 @@ def _ground(scene: Scene) -> Surface:
 
 
 def _boxes(boxes: list[tuple[int, Box]], surfaces: list[Surface]) -> tuple[Array, Integers]:
-    """Returns rows of boxes and of their faces' stripes; adds their surfaces."""
+    """Returns the rows of boxes and of their stripes, and appends their surfaces to `surfaces`."""
     surfaces += [Surface(flag, box.temperature_k, box.reflectivity) for flag, box in boxes]
     stripes = np.zeros((len(boxes) * len(FACES), 2), dtype=np.int32)
     rows = []
@@ -130,9 +133,9 @@ def _boxes(boxes: list[tuple[int, Box]], surfaces: list[Surface]) -> tuple[Array
 def _billboards(
     boards: list[tuple[int, Billboard]], locate: Locate, surfaces: list[Surface]
 ) -> tuple[Array, Integers, Array]:
-    """Returns rows of billboards and of their textures, and all texels and masks in a line.
+    """Returns the rows of billboards and of their textures, and all texels, those of masks too.
 
-    Adds their surfaces to `surfaces`.
+    The billboards' surfaces are appended to `surfaces`.
     """
     rows, textures, texels = [], [], [np.zeros(0)]
     for flag, board in boards:
@@ -158,8 +161,8 @@ def _billboards(
 
 
 def _levels(flag: int, board: Billboard, picture: Texture) -> list[Surface]:
-    """Returns the surfaces that a texture blends between."""
-    if board.quantity == "reflectivity":  # in which emission and reflection are straight lines
+    """Returns the surfaces between which a texture blends, from its lowest value to its highest."""
+    if board.quantity == "reflectivity":  # emission and reflection are linear in it
         return [Surface(flag, board.temperature_k, end) for end in (picture.low, picture.high)]
     return [
         Surface(flag, float(t), board.reflectivity)
@@ -168,7 +171,7 @@ def _levels(flag: int, board: Billboard, picture: Texture) -> list[Surface]:
 
 
 def _turn(degrees: float) -> tuple[float, float]:
-    """Returns cosine and sine, exact for quarter turns: a face along a grid plane stays there."""
+    """Returns cosine and sine, exact for quarter turns, so that faces stay on planes of a grid."""
     angle = np.deg2rad(degrees)
     cosine, sine = (
         0.0 if abs(value) < 1e-15 else float(value) for value in (np.cos(angle), np.sin(angle))
@@ -177,20 +180,21 @@ def _turn(degrees: float) -> tuple[float, float]:
 
 
 def world_frame(frame: Array, start: Array | None = None) -> Array:
-    """Returns the kernels' frame in the world, (6, 3).
+    """Returns the frame of rays in the world, (6, 3), as kernels take it.
 
-    Its rows are where rays start, the direction of the image centre, the steps of a column and of
-    a row, the drift in a second (none), and the offset from the start to the camera. `frame` is the
-    camera's (4, 3); rays start at `start` (3,) if they do not start at the camera.
+    Its rows are the start of the rays, the direction of the image centre, the steps of a column and
+    of a row, the drift in a second (which is zero), and the offset from the start to the camera.
+    `frame` (4, 3) is that of the camera. Rays start at `start` (3,), or at the camera if that is
+    None.
     """
     position = frame[0] if start is None else start
     return np.array([position, *frame[1:], np.zeros(3), frame[0] - position])
 
 
 def cube_frame(frame: Array, orientation: str, voxel_m: float, grid: int, wind_m_s: Array) -> Array:
-    """Returns a world frame in voxels of the cube, (6, 3), drifting against the wind.
+    """Returns a frame in the world, (6, 3), transformed into the axes and voxels of the cube.
 
-    The start is reduced modulo the cube's period.
+    It drifts against the wind. The start is reduced modulo the period of the cube.
     """
     moving = frame.copy()
     moving[4] = -wind_m_s

@@ -7,7 +7,7 @@ import warnings
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,19 +15,22 @@ from numpy.typing import NDArray
 from thzcl.errors import FileError
 from thzcl.files import PICTURE, open_regular
 
+if TYPE_CHECKING:
+    from PIL.ImageFile import ImageFile
+
 Array = NDArray[np.float64]
 
 MOST_PIXELS = 16_000_000
 FORMATS = ("PNG", "TIFF")
-DEEPEST = 65535  # white of a picture of 16 bits
-# Lowest and highest value, and unit, of what a texture can show: the limits of the keys
-# temperature_k and reflectivity.
+DEEPEST = 65535  # white in a picture of 16 bits
+# The lowest and the highest value of a texture's quantity, which are the limits of the keys
+# temperature_k and reflectivity, and its unit.
 QUANTITIES = {"temperature": (0.0, 1e19, " K"), "reflectivity": (0.0, 1.0, "")}
 
 
 @dataclass(frozen=True)
 class Texture:
-    """Values from 0 to 1 (row 0 at the top), and the quantity's value at both ends."""
+    """Values from 0 to 1, row 0 at the top; the quantity is `low` at 0 and `high` at 1."""
 
     values: Array  # (height, width)
     low: float
@@ -35,11 +38,12 @@ class Texture:
 
 
 def read(path: Path, ends: tuple[float, float] | None, quantity: str) -> Texture:
-    """Returns the texture that a file holds, of the "temperature" in K or the "reflectivity".
+    """Returns the texture in a file, whose quantity is "temperature", in K, or "reflectivity".
 
-    A PNG or TIFF of 8 or 16 bit is mapped to `ends`, the values of black and of white; a .npy has
-    values of its own. Raises FileError for a file that is missing, too large, broken, animated or
-    of another kind, and for values beyond the quantity's limits.
+    A PNG or TIFF of 8 or 16 bit is scaled so that black and white have the values `ends`; a .npy
+    file holds values of the quantity, and `ends` must be None. Raises FileError for a file that is
+    missing, too large, broken, animated or of another kind, and for values beyond the quantity's
+    limits.
     """
     return _read(path, _changed(path), ends, quantity)
 
@@ -47,10 +51,11 @@ def read(path: Path, ends: tuple[float, float] | None, quantity: str) -> Texture
 @lru_cache(maxsize=8)  # the variants of a scenario share their pictures
 def _read(
     path: Path,
-    changed: int,  # noqa: ARG001 (it tells a file from what it was before)
+    changed: int,  # noqa: ARG001 (a file that was changed is read again)
     ends: tuple[float, float] | None,
     quantity: str,
 ) -> Texture:
+    """Returns what `read` describes, for a file that was last changed at `changed` ns."""
     if path.suffix == ".npy":
         if ends is not None:
             raise FileError(f"{path}: an array has its own values; remove range")
@@ -66,6 +71,7 @@ def _read(
 
 
 def _check_limits(path: Path, texture: Texture, quantity: str) -> None:
+    """Raises FileError if a texture's values lie beyond the limits of its quantity."""
     least, most, unit = QUANTITIES[quantity]
     for value in (texture.low, texture.high):
         if not least <= value <= most:
@@ -76,7 +82,10 @@ def _check_limits(path: Path, texture: Texture, quantity: str) -> None:
 
 
 def read_mask(path: Path, shape: tuple[int, int]) -> Array:
-    """Returns a mask: 1 where the billboard is, 0 where one sees past it. Raises FileError."""
+    """Returns a mask (height, width): 1 where the billboard is, 0 where rays pass it.
+
+    Raises FileError for a file that cannot be used, or that has another shape than `shape`.
+    """
     values = _array(path) if path.suffix == ".npy" else _picture(path)
     if values.shape != shape:
         own, image = (f"{columns} x {rows}" for rows, columns in (values.shape, shape))
@@ -91,10 +100,10 @@ def _changed(path: Path) -> int:
 
 
 def _picture(path: Path) -> Array:
-    """Returns a greyscale picture as values from 0 to 1, (height, width). Raises FileError."""
+    """Returns a picture in grey as values from 0 to 1, (height, width). Raises FileError."""
     from PIL import Image, UnidentifiedImageError
 
-    # Warnings are of odd metadata, and of sizes that are held to a stricter limit here.
+    # Pillow warns of odd metadata, and of large pictures, whose size is checked below.
     with open_regular(path, PICTURE) as file, warnings.catch_warnings(action="ignore"):
         try:
             with Image.open(file, formats=FORMATS) as image:
@@ -111,7 +120,8 @@ def _picture(path: Path) -> Array:
             ) from None
 
 
-def _check_size(path: Path, image: Any) -> None:
+def _check_size(path: Path, image: ImageFile) -> None:
+    """Raises FileError for a picture of too many pixels, and for a file of several pictures."""
     if image.width * image.height > MOST_PIXELS:
         raise FileError(
             f"{path}: {image.width} x {image.height} pixels; "
@@ -122,7 +132,8 @@ def _check_size(path: Path, image: Any) -> None:
         raise FileError(f"{path}: holds {pictures} pictures; give a file with one")
 
 
-def _grey(path: Path, image: Any) -> Array:
+def _grey(path: Path, image: ImageFile) -> Array:
+    """Returns the pixels of a picture in grey, from 0 to 1. Raises FileError for other pixels."""
     if image.mode in ("1", "L", "LA", "P", "RGB", "RGBA"):
         return np.asarray(image.convert("L"), dtype=np.float64) / 255
     if image.mode not in ("I", "I;16", "I;16B"):
@@ -138,7 +149,7 @@ def _grey(path: Path, image: Any) -> Array:
 
 
 def _array(path: Path) -> Array:
-    """Returns the plane of finite numbers that a .npy holds. Raises FileError."""
+    """Returns the plane of finite numbers in a .npy file. Raises FileError for any other file."""
     with open_regular(path, PICTURE) as file, warnings.catch_warnings(action="ignore"):
         try:
             values: Any = np.load(file, allow_pickle=False)

@@ -1,8 +1,8 @@
 """Turbulent fluctuations on a periodic cube, before any random number: spectra, variances, ranges.
 
-Kolmogorov's spectrum in cycles per metre is Psi(xi) = 9.69e-3 C^2 xi^(-11/3), of a scalar whose
-structure function is C^2 r^(2/3); with an outer scale L0 (von Karman) xi^2 becomes xi^2 + 1/L0^2.
-Tatarskii (1971), "The effects of the turbulent atmosphere on wave propagation"; the cube as in
+A scalar whose structure function is C^2 r^(2/3) has Kolmogorov's spectrum, in cycles per metre,
+Psi(xi) = 9.69e-3 C^2 xi^(-11/3) (Tatarskii 1971, "The effects of the turbulent atmosphere on wave
+propagation"). With an outer scale L0 (von Karman) xi^2 becomes xi^2 + 1/L0^2. The cube is that of
 O'Brien and Tofsted, equation (1).
 """
 
@@ -20,21 +20,23 @@ from thzcl.turbulence.spectrum_table import SpectrumTable
 
 Array = NDArray[np.float64]
 
-# Gamma(8/3) sin(pi/3) / (4 pi^2) (2 pi)^(-2/3): 0.0330054 in radians per metre, 9.6935e-3 in cycles
-# per metre.
+# Gamma(8/3) sin(pi/3) / (4 pi^2) is 0.0330054, for wave numbers in radians per metre. In cycles per
+# metre it is multiplied by (2 pi)^(-2/3), which makes 9.6935e-3.
 KOLMOGOROV = (
     math.gamma(8 / 3) * math.sin(math.pi / 3) / (4 * math.pi**2) * (2 * math.pi) ** (-2 / 3)
 )
 LOGNORMAL_FROM = 0.3  # relative sigma from which clipping a Gaussian at dry air would bias the mean
-RARE = 1e-6  # probability that a cube leaves the range that a plan counts on
+RARE = 1e-6  # probability that a cube exceeds the range that a plan assumes
 
 
 @dataclass(frozen=True)
 class Turbulence:
-    """Fluctuations as they will be generated: relative to the mean for humidity, in kelvin for temperature.
+    """Random fluctuations of humidity, relative to its mean, and of temperature, in kelvin.
 
-    `sigma` is the standard deviation of the whole cube: exactly, if `exact`, of each realisation (before clipping or
-    exponentiation), else in expectation. Temperature likewise. A cube from a file has `file` and nothing else of weight.
+    `sigma` is the standard deviation of humidity over the cube, before clipping or exponentiation.
+    If `exact`, every realisation is rescaled to it; otherwise it is the expected value.
+    `temperature_sigma_k` and `temperature_exact` say the same of temperature, and `correlation` is
+    that of humidity with temperature. `outer_scale_m` is None for no outer scale.
     """
 
     grid: int
@@ -47,53 +49,53 @@ class Turbulence:
     temperature_sigma_k: float
     temperature_exact: bool
     correlation: float
-    table: SpectrumTable | None = None  # in the place of Kolmogorov's spectrum
+    table: SpectrumTable | None = None  # a measured spectrum in place of Kolmogorov's
 
     @property
     def unit_variance(self) -> float:
-        """Expected variance of the cube's field for C^2 = 1."""
+        """Returns the expected variance of the cube's field for C^2 = 1."""
         return variance(self.grid, self.voxel_m, self.outer_scale_m, self.table)
 
     @property
     def period_m(self) -> float:
-        """Edge of the cube."""
+        """Returns the edge of the cube, m."""
         return self.grid * self.voxel_m
 
     @property
     def temperature_fluctuates(self) -> bool:
-        """Whether a second field is needed."""
+        """Returns whether temperature fluctuates, so that a second field is needed."""
         return self.temperature_sigma_k > 0
 
     def structure_constants(self, mean_g_m3: float) -> tuple[float, float]:
-        """C_q^2 in g^2 m^-6 m^(-2/3) and C_T^2 in K^2 m^(-2/3)."""
+        """Returns C_q^2 in g^2 m^-6 m^(-2/3) and C_T^2 in K^2 m^(-2/3)."""
         return (
             self.sigma * mean_g_m3
         ) ** 2 / self.unit_variance, self.temperature_sigma_k**2 / self.unit_variance
 
     def neighbour_difference(self) -> float:
-        """Expected square of the difference of delta between neighbouring voxels."""
-        # Of the C^2 r^(2/3) of open air the periodic cube has 0.48 at one voxel; with an outer
-        # scale, no more.
+        """Returns the expected squared difference of delta between neighbouring voxels."""
+        # At one voxel the periodic cube has 0.48 of the C^2 r^(2/3) of open air; with an outer
+        # scale it has no more.
         return min(
             0.48 * self.sigma**2 / self.unit_variance * math.pow(self.voxel_m, 2 / 3),
             2 * self.sigma**2,
         )
 
     def humidity_span(self) -> tuple[float, float]:
-        """The range of delta that a cube leaves with probability 1e-6."""
-        z = self._rarest() * (1 if self.exact else 1.5)  # one realisation's own sigma scatters
+        """Returns the range of delta that a cube exceeds with probability 1e-6."""
+        z = self._rarest() * (1 if self.exact else 1.5)  # the sigma of one realisation scatters
         if self.lognormal:
             s = math.sqrt(math.log1p(self.sigma**2))
             return math.expm1(-s * z - s * s / 2), math.expm1(s * z - s * s / 2)
         return max(-1.0, -self.sigma * z), self.sigma * z
 
     def temperature_span(self) -> tuple[float, float]:
-        """The range of the temperature's departure from the mean, K."""
+        """Returns the range of the departure from the mean, K, exceeded with probability 1e-6."""
         reach = self.temperature_sigma_k * self._rarest() * (1 if self.temperature_exact else 1.5)
         return -reach, reach
 
     def _rarest(self) -> float:
-        """How many sigmas z are so rare that 2 N^3 Q(z) = 1e-6; by bisection."""
+        """Returns the z, in sigmas, at which 2 N^3 Q(z) = 1e-6, for a cube of N^3 voxels."""
         low, high = 0.0, 40.0
         while high - low > 1e-6:
             z = (low + high) / 2
@@ -103,9 +105,10 @@ class Turbulence:
 
 
 def turbulence(atmosphere: Atmosphere, table: SpectrumTable | None = None) -> Turbulence | None:
-    """The fluctuations that an [atmosphere] asks to be generated; None for uniform air or a cube from a file.
+    """Returns the fluctuations that [atmosphere] asks for, or None if it asks for none at random.
 
-    `table` is the measured spectrum that it names, if it does.
+    That is so in uniform air, and with a cube from a file. `table` is the measured spectrum that
+    the scene names, or None.
     """
     f = atmosphere.fluctuations
     if f is None or f.spectrum == "file" or f.voxel_m is None or f.seed is None:
@@ -136,15 +139,17 @@ def turbulence(atmosphere: Atmosphere, table: SpectrumTable | None = None) -> Tu
 
 
 def _lognormal(f: Fluctuations, sigma: float) -> bool:
+    """Returns whether humidity is lognormal, which "auto" makes it from a sigma of 30 % on."""
     return f.distribution == "lognormal" or (f.distribution == "auto" and sigma >= LOGNORMAL_FROM)
 
 
 def spectral_amplitude(
     grid: int, voxel_m: float, outer_scale_m: float | None, table: SpectrumTable | None = None
 ) -> Array:
-    """sqrt(Psi dxi^3) for C^2 = 1 at each squared wave number in units of the lowest, 0 ... 3 (grid/2)^2; 0 at 0.
+    """Returns sqrt(Psi dxi^3) for C^2 = 1, by the square of the wave number on the cube's grid.
 
-    On a cubic grid the squared wave number is a whole number, so that one table serves every spectrum.
+    In units of the lowest wave number, the squares on a cubic grid are the whole numbers from 0 to
+    3 (grid/2)^2, which index the result. The mean, at 0, has no amplitude.
     """
     lowest = 1 / (grid * voxel_m)
     xi2 = np.arange(3 * (grid // 2) ** 2 + 1) * lowest**2
@@ -159,17 +164,16 @@ def spectral_amplitude(
     return amplitude
 
 
-@lru_cache(maxsize=16)  # variants often have it in common
+@lru_cache(maxsize=16)  # many variants have the same
 def variance(
     grid: int, voxel_m: float, outer_scale_m: float | None, table: SpectrumTable | None = None
 ) -> float:
-    """Expected variance of the periodic cube's field for C^2 = 1.
+    """Returns the expected variance of the periodic cube's field for C^2 = 1.
 
-    The sum of Psi dxi^3 over its wave vectors.
+    It is the sum of Psi dxi^3 over the wave vectors of the cube.
     """
-    number = np.arange(
-        -grid // 2, grid // 2
-    )  # no np.unique here or where runs begin: it imports numpy.ma
+    # np.unique would import numpy.ma, which costs time at the start of every run.
+    number = np.arange(-grid // 2, grid // 2)
     along = np.bincount(number**2)  # wave numbers by their square
     plane = np.bincount(np.add.outer(number**2, number**2).ravel())
     count = np.zeros(3 * (grid // 2) ** 2 + 1)

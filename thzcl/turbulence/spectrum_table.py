@@ -1,10 +1,11 @@
-"""A measured spectrum in the place of a power law: from density along a line to one in space.
+"""A measured spectrum in place of a power law: from the density along a line to that in space.
 
-Of isotropic turbulence the three-dimensional density Phi follows from the two-sided density F along
+In isotropic turbulence the three-dimensional density Phi follows from the two-sided density F along
 a line: Phi(xi) = -(1 / (2 pi xi)) dF/dxi, in cycles per metre as in radians per metre (Tatarskii
-1971, "The effects of the turbulent atmosphere on wave propagation"). A measured density scatters
-and rises here and there, which F must not: where values rise they are pooled into means (the
-closest falling sequence), and a monotone cubic in log-log runs through what remains.
+1971, "The effects of the turbulent atmosphere on wave propagation"). F must fall everywhere, but a
+measured density scatters and rises here and there. Where it rises, neighbouring values are pooled
+into their means, which gives the closest falling sequence. A monotone cubic in the logarithms of
+frequency and density runs through the pooled points.
 """
 
 from __future__ import annotations
@@ -23,19 +24,19 @@ from thzcl.files import read_table
 
 Array = NDArray[np.float64]
 
-# One-sided in cycles per metre, of a scalar whose structure function is C^2 r^(2/3): twice 0.1244
-# (2 pi)^(-2/3) C^2 xi^(-5/3).
+# A scalar whose structure function is C^2 r^(2/3) has, along a line, the one-sided density
+# 2 * 0.1244 (2 pi)^(-2/3) C^2 xi^(-5/3), in cycles per metre.
 KOLMOGOROV_ALONG = math.gamma(5 / 3) * math.sin(math.pi / 3) / math.pi * (2 * math.pi) ** (-2 / 3)
-FEWEST = 3  # rows
-ENDS = 4  # points that make the slope beyond the table's end
-FLATTEST, STEEPEST = -0.05, -6.0  # slope there
+FEWEST = 3  # rows of a table
+ENDS = 4  # points at either end of the table that determine the slope beyond it
+FLATTEST, STEEPEST = -0.05, -6.0  # limits of the slope beyond the table's ends, in log-log
 
 
 @dataclass(frozen=True)
 class SpectrumTable:
-    """One-sided density of absolute humidity along a line in (g/m3)^2 m, by frequency in cycles/m.
+    """The one-sided density of absolute humidity along a line, (g/m3)^2 m.
 
-    Frequencies ascend.
+    `density` belongs to the spatial frequencies of `frequency`, which ascend, in cycles/m.
     """
 
     frequency: tuple[float, ...]
@@ -43,9 +44,9 @@ class SpectrumTable:
 
     @property
     def structure_constant(self) -> float:
-        """Returns C_q^2 of the power law -5/3 through the upper decade, (g/m3)^2 m^(-2/3).
+        """Returns C_q^2 of the -5/3 law through the table's upper decade, (g/m3)^2 m^(-2/3).
 
-        It is the mean over the points of that decade, in logarithms.
+        It is the mean, in logarithms, over the points of that decade.
         """
         x, y = self._points
         upper = x >= x[-1] - math.log(10)
@@ -53,12 +54,12 @@ class SpectrumTable:
 
     @cached_property
     def _points(self) -> tuple[Array, Array]:
-        """Returns the logarithms of frequency and of density, which falls throughout."""
+        """Returns the logarithms of frequency and of the pooled density, which falls throughout."""
         return pooled(np.log(self.frequency), np.log(self.density))
 
     @cached_property
     def _curve(self) -> tuple[Any, tuple[float, float]]:
-        """Returns the monotone cubic through the points, and the slopes before and beyond it."""
+        """Returns the monotone cubic through the points, and its slopes before and beyond them."""
         from scipy.interpolate import PchipInterpolator
 
         x, y = self._points
@@ -72,7 +73,7 @@ class SpectrumTable:
     def along(self, frequency: Array) -> tuple[Array, Array]:
         """Returns the smooth one-sided density along a line, (g/m3)^2 m, and its slope in log-log.
 
-        Both are (n,), at frequencies (n,) in cycles/m; the slope is never positive.
+        Both have shape (n,), as has `frequency` in cycles/m. The slope is never positive.
         """
         (curve, ends), (x, _) = self._curve, self._points
         asked = np.log(frequency)
@@ -83,18 +84,19 @@ class SpectrumTable:
         return np.exp(curve(inside) + slope * (asked - inside)), np.minimum(slope, 0.0)
 
     def density_in_space(self, frequency: Array) -> Array:
-        """Returns the density in space (n,), (g/m3)^2 m^3, at spatial frequencies in cycles/m.
+        """Returns the density in space, (g/m3)^2 m^3, which is never negative.
 
-        It is never negative.
+        It has shape (n,), as has `frequency` in cycles/m.
         """
         one_sided, slope = self.along(frequency)
         return np.asarray(-slope * one_sided / 2 / (2 * np.pi * frequency**2))
 
 
 def pooled(x: Array, y: Array) -> tuple[Array, Array]:
-    """Returns the closest falling sequence y(x), by pooling adjacent violators.
+    """Returns the falling sequence y(x) that is closest to the given one.
 
-    Where y rises with x, both are replaced by their means.
+    Adjacent points between which y rises with x are replaced by their mean, until y falls
+    throughout (pool adjacent violators: Ayer et al. 1955, Ann. Math. Statist. 26, 641).
     """
     blocks: list[tuple[float, float, int]] = []
     for here, value in zip(x.tolist(), y.tolist(), strict=True):
@@ -112,7 +114,7 @@ def pooled(x: Array, y: Array) -> tuple[Array, Array]:
 
 
 def read(path: Path) -> SpectrumTable:
-    """Reads a CSV of spatial frequency in cycles/m and one-sided density in (g/m3)^2 m.
+    """Returns the spectrum in a CSV of frequency in cycles/m and one-sided density in (g/m3)^2 m.
 
     Raises FileError for a file that holds no spectrum.
     """

@@ -1,1 +1,1 @@
-"""`thzcl stress`: stiff and extreme cases, each run as any scene and held to a float64 truth."""
+"""`thzcl stress`: stiff and extreme cases, run as any scene and compared with a float64 truth."""

@@ -1,6 +1,6 @@
-"""The cases: air that is deep, thin, cold, hot, wet, dry; surfaces from 0 K to 1e18 K; odd cameras.
+"""The stress cases: deep, thin, cold, hot, wet and dry air, extreme surfaces, odd cameras.
 
-Every bound is relative to a quantity that the case makes non-zero, and has its reason here.
+Every bound is relative to a quantity that the case makes non-zero. The comments give its reason.
 """
 
 from __future__ import annotations
@@ -15,20 +15,20 @@ from thzcl.studies.stress.trial import DOUBLE, SINGLE, Case, Judge
 Judged = tuple[Judge, Mapping[str, float]]
 Changes = dict[str, Any]
 
-# A crossing is placed to a rounding or two of float32 (6e-8), and ten to ten thousand of them add
-# up at random.
+# A crossing of a voxel's face is accurate to one or two roundings of float32 (6e-8), and the errors
+# of ten to ten thousand crossings add up at random.
 ROUNDED = {SINGLE: 1e-6, DOUBLE: 1e-12}
-# In float64 the polynomials of absorption in two variables are what limits.
+# In float64 the polynomials of absorption in two variables limit the accuracy.
 EMITTED = {SINGLE: 1e-6, DOUBLE: 1e-9}
-# Humidity reaches over its whole range: the polynomial of degree 16 is what limits.
+# Humidity covers its whole range, so that the polynomial of degree 16 limits the accuracy.
 FITTED = {SINGLE: 1e-6, DOUBLE: 1e-6}
-# A million metres are known to 1e-10 m, and the path has 30 m.
+# In float64 a coordinate of 1e6 m is accurate to 1e-10 m, and the path has a length of 30 m.
 FAR = {SINGLE: 1e-6, DOUBLE: 1e-9}
-# A contrast of a microkelvin: 290.000001 K itself is known to 6e-14 K.
+# The contrast is 1e-6 K, and in float64 290.000001 K itself is accurate to 6e-14 K.
 STORED = {SINGLE: 1e-6, DOUBLE: 1e-9}
-# What a band's quadrature is asked for, of what the path lets through.
+# The tolerance of a band's quadrature, relative to what passes the path.
 RESOLVED = {SINGLE: 1e-5}
-# What a ray past its cut-off may still show: exp(-16).
+# What lies behind the cut-off depth of 16 could add exp(-16).
 NEGLIGIBLE = {SINGLE: 1.2e-7}
 # A difference of equals is exactly zero.
 NOTHING = {SINGLE: 0.0, DOUBLE: 0.0}
@@ -40,7 +40,7 @@ AIR, FLUCTUATIONS, CAMERA, BACKGROUND = (
     "background",
 )
 DEEPEST = {"numerics.cutoff_depth": 1e9}  # no cut-off at all
-# Lines in GHz, and so many metres of saturated air that they are 10 deep and more.
+# Centres of water lines in GHz, and edges of voxels in m, 60 of which have a depth of 10 or more.
 LINES = ((183.31, 500.0), (556.936, 5.0), (752.033, 5.0), (987.927, 5.0))
 SOURCES_K = (0.0, 2.7, 3000.0, 1e6, 1e18)
 WALL = {
@@ -52,7 +52,7 @@ WALL = {
 
 
 def _within(bounds: Mapping[str, float]) -> dict[str, Judged]:
-    """Returns the judges of depth and contrast in isothermal air, with their bounds."""
+    """Returns the judges of depth and contrast in isothermal air, both with the same bounds."""
     return {"depth": (judges.depth, bounds), "passed": (judges.passed, bounds)}
 
 
@@ -80,6 +80,7 @@ def cases() -> list[Case]:
 
 
 def _saturated() -> list[Case]:
+    """Returns the cases at the centres of water lines in saturated air, and of cut-off rays."""
     listed = []
     for line, voxel_m in LINES:
         scene = _line(line, voxel_m) | DEEPEST
@@ -98,6 +99,7 @@ def _saturated() -> list[Case]:
 
 
 def _line(line_ghz: float, voxel_m: float) -> Changes:
+    """Returns the changes for a line in saturated air at 50 degC, through voxels of `voxel_m`."""
     return {
         f"{AIR}.temperature_k": 323.15,
         f"{AIR}.relative_humidity_percent": 100.0,
@@ -117,6 +119,7 @@ THIN = {
 
 
 def _contrasts() -> list[Case]:
+    """Returns the cases of tiny, vanishing and enormous contrasts."""
     equal = {
         f"{BACKGROUND}.temperature_k": 290.0,
         "ground.temperature_k": 290.0,
@@ -136,6 +139,7 @@ def _contrasts() -> list[Case]:
 
 
 def _airs() -> list[Case]:
+    """Returns the cases of extreme frequencies, humidities, pressures and temperatures."""
     wild = {f"{FLUCTUATIONS}.sigma_percent": 100.0}
     wet = {f"{AIR}.temperature_k": 330.0, f"{AIR}.relative_humidity_percent": 100.0} | DEEPEST
     limited = wet | {f"{FLUCTUATIONS}.sigma_percent": 300.0}
@@ -172,6 +176,7 @@ def _airs() -> list[Case]:
 
 
 def _bands() -> list[Case]:
+    """Returns the cases of broad bands with narrow or saturated lines."""
     summed: dict[str, Judged] = {
         "transmission": (judges.band_transmission, RESOLVED),
         "contrast": (judges.band_contrast, RESOLVED),
@@ -199,6 +204,7 @@ FINE = {f"{BACKGROUND}.max_range_m": 10.0, f"{FLUCTUATIONS}.voxel_m": 1e-3}
 
 
 def _sizes() -> list[Case]:
+    """Returns the cases of very small and very large voxels, cubes, ranges and coordinates."""
     needle = FINE | {f"{CAMERA}.focal_plane_mm": [_plane_mm(0.01), 0.001]}
     short = {f"{BACKGROUND}.max_range_m": 1e-3, f"{FLUCTUATIONS}.voxel_m": 1e-3}
     far = {
@@ -223,11 +229,15 @@ def _sizes() -> list[Case]:
 
 
 def _plane_mm(degrees: float) -> float:
-    """Returns the width of the focal plane, mm, of such a field of view behind 30 mm."""
+    """Returns the width in mm of the focal plane that has a field of view of `degrees`.
+
+    The focal length is the 30 mm of the base scene.
+    """
     return 60 * math.tan(math.radians(degrees / 2))
 
 
 def _cameras() -> list[Case]:
+    """Returns the cases of rays along voxel faces, and of extreme images and fields of view."""
     corner = {
         f"{CAMERA}.position_m": [2.8, 1.4, 2.8],  # whole multiples of the voxel, exactly
         f"{CAMERA}.pixels": [3, 3],
@@ -253,6 +263,7 @@ def _cameras() -> list[Case]:
 
 
 def _sensors() -> list[Case]:
+    """Returns the cases of an extreme dynamic range and of a noiseless detector."""
     mirror = {"reflectivity": 1.0, "center_m": [760.3, 0.0, 0.0], "size_m": [20.0, 2e3, 2e3]}
     echoes = {
         f"{CAMERA}.position_m": [0.3, -0.2, 2.1],
@@ -267,7 +278,7 @@ def _sensors() -> list[Case]:
         "bandwidth_ghz": 100.0,
         "noise_equivalent_power_w_rthz": 0.0,
     }
-    # At one temperature the image is even, whatever humidity does.
+    # If everything has one temperature, the image is even, however humidity varies.
     even = {"sensor": quiet, f"{BACKGROUND}.temperature_k": 290.0}
     deep = "dynamic range 200 dB, out and back through a depth of 17"
     return [
@@ -277,6 +288,7 @@ def _sensors() -> list[Case]:
 
 
 def _warm() -> list[Case]:
+    """Returns the cases of air whose temperature fluctuates."""
     level = {f"{BACKGROUND}.temperature_k": 290.0}
     by = {k: {f"{FLUCTUATIONS}.temperature_sigma_k": k} for k in (1e-4, 1.0, 2.0, 20.0)}
     wild = by[20.0] | {f"{FLUCTUATIONS}.correlation_tq": 0.5}

@@ -1,4 +1,4 @@
-"""What is measured of a case: the worst of its pixels, relative to a quantity that is not zero."""
+"""The judges of stress cases: each measures the worst pixel, relative to a non-zero quantity."""
 
 from __future__ import annotations
 
@@ -17,28 +17,28 @@ def depth(run: Run) -> Measurement:
 
 
 def passed(run: Run) -> Measurement:
-    """Judges the part of a surface's contrast that is left: exp(-depth)."""
+    """Judges the part of a surface's contrast that reaches the camera: exp(-depth)."""
     surface = run.truth.surface
     return worst(run.radiances.contrast / surface, run.truth.contrast / surface, 1.0)
 
 
 def faint(run: Run) -> Measurement:
-    """Judges contrast where next to nothing is left, by minus its logarithm: the depth."""
+    """Judges a contrast of which next to nothing is left, by minus its logarithm, the depth."""
     with np.errstate(divide="ignore", invalid="ignore"):
         depths = -np.log(run.radiances.contrast.astype(np.float64) / run.truth.surface)
     return worst(depths, run.truth.optical_depth)
 
 
 def emitted(run: Run) -> Measurement:
-    """Judges the contrast of a path that emits, over the largest contrast met on the way."""
+    """Judges the contrast of a path that emits, relative to the largest contrast on the path."""
     most = np.maximum(-run.truth.coldest, run.truth.warmest)
     return worst(run.radiances.contrast / most, run.truth.contrast / most, 1.0)
 
 
 def faintly_emitted(run: Run) -> Measurement:
-    """Judges the contrast of thin air alone, over as much as it can emit.
+    """Judges the contrast of thin air, relative to the most that the air can emit.
 
-    That is the largest contrast met on the way times 1 - exp(-depth).
+    That is the largest contrast on the path times 1 - exp(-depth).
     """
     largest = np.maximum(-run.truth.coldest, run.truth.warmest)
     most = largest * -np.expm1(-run.truth.optical_depth)
@@ -46,13 +46,14 @@ def faintly_emitted(run: Run) -> Measurement:
 
 
 def outside(run: Run) -> Measurement:
-    """Judges how far the contrast lies outside the range of contrasts met, over that range."""
-    low, high, seen = run.truth.coldest, run.truth.warmest, run.radiances.contrast
-    return worst(np.maximum(np.maximum(low - seen, seen - high), 0) / (high - low), 0.0, 1.0)
+    """Judges how far a contrast lies outside the range of those on its path, over that range."""
+    low, high, contrast = run.truth.coldest, run.truth.warmest, run.radiances.contrast
+    beyond = np.maximum(np.maximum(low - contrast, contrast - high), 0)
+    return worst(beyond / (high - low), 0.0, 1.0)
 
 
 def nothing(run: Run) -> Measurement:
-    """Judges the largest contrast, in W m-2 sr-1 Hz-1, where there should be none at all."""
+    """Judges the largest contrast, in W m-2 sr-1 Hz-1, which should be 0."""
     return worst(np.abs(run.radiances.contrast).max(), 0.0, 1.0)
 
 
@@ -63,9 +64,9 @@ def warmth(run: Run) -> Measurement:
 
 
 def decibels(run: Run) -> Measurement:
-    """Judges echoes in dB over the floor, in parts of the dynamic range.
+    """Judges echoes in dB over the floor, relative to the dynamic range.
 
-    They should be the dynamic range less twice the depth.
+    They should be the dynamic range less twice the depth in dB.
     """
     sensor = run.scene.sensor.model_dump()
     loss = 2 * run.truth.optical_depth[0] * 10 / math.log(10)
@@ -79,12 +80,12 @@ def band_transmission(run: Run) -> Measurement:
 
 
 def band_contrast(run: Run) -> Measurement:
-    """Judges the contrast of a band over its radiance."""
+    """Judges the contrast of a band, relative to the air's radiance in the band."""
     return worst(run.radiances.contrast[0] / run.radiances.air_radiance[0], _band(run).contrast)
 
 
 def _band(run: Run) -> BandTruth:
-    """Returns what a flat band brings to a single mode, which collects wavelength squared."""
+    """Returns what a flat band brings to a single mode, whose throughput is wavelength squared."""
     sensor = run.scene.sensor.model_dump()
     middle, half = sensor["center_ghz"] * 1e9, sensor["bandwidth_ghz"] / 2 * 1e9
     return band(run.scene, middle - half, middle + half, power=-2.0)
@@ -93,7 +94,7 @@ def _band(run: Run) -> BandTruth:
 def band_depth(run: Run) -> Measurement:
     """Judges the depth of a band's mean transmission through uniform air.
 
-    It is summed over the frequencies that the run itself took.
+    The expected depth is that of a sum over the frequencies of the run.
     """
     hz, air_k = run.sight.nodes_hz, run.scene.atmosphere.temperature_k
     per_m = absorption(run.scene, hz, run.scene.atmosphere.air.absolute_humidity_g_m3, air_k)
@@ -102,13 +103,13 @@ def band_depth(run: Run) -> Measurement:
     shares, least = shares / shares.sum(), tau.min(axis=0)
     left = np.tensordot(shares, np.exp(least - tau), 1)
     lost = np.tensordot(shares, -np.expm1(least - tau), 1)
-    # Of the two sums that which is the smaller part of 1 has the digits.
+    # The logarithm is taken of the sum that is the smaller part of 1, which has more digits.
     logarithm = np.where(lost < 0.5, np.log1p(-np.minimum(lost, 0.5)), np.log(left))
     return worst(run.sight.optical_depth[0], least - logarithm)
 
 
 def lognormal(run: Run) -> Measurement:
-    """Judges mean and spread of the logarithm of humidity over its mean.
+    """Judges the mean and the standard deviation of the logarithm of humidity over its mean.
 
     With s^2 = ln(1 + sigma^2) they should be -s^2 / 2 and s.
     """
@@ -123,6 +124,6 @@ def lognormal(run: Run) -> Measurement:
 
 
 def noise(run: Run) -> Measurement:
-    """Judges the spread over the pixels of an even scene's antenna temperature, over its mean."""
+    """Judges the spread of an even scene's antenna temperature, relative to its mean."""
     values = run.image.values
     return worst(1 + np.ptp(values) / values.mean(), 1.0)

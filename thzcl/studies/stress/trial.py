@@ -1,4 +1,4 @@
-"""Runs cases and judges them: what was measured, what it should be, and the error."""
+"""Runs stress cases and judges them: a measured number, its reference and the error."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ save_field = true
 
 
 class Measurement(NamedTuple):
-    """A number, what it should be, and the error relative to a quantity that is not zero."""
+    """A measured number, its reference, and the error relative to a quantity that is not zero."""
 
     measured: float
     reference: float
@@ -70,24 +70,24 @@ NOT_FINITE = Measurement(math.nan, math.nan, math.inf)
 
 @dataclass(frozen=True)
 class Run:
-    """A case that was run."""
+    """The scene and the result of a case."""
 
     scene: Scene
     result: Result
 
     @property
     def sight(self) -> Radiances | Echoes:
-        """What reaches the pixels."""
+        """Returns what reached the pixels."""
         return self.result.variants[0].sight
 
     @property
     def radiances(self) -> Radiances:
-        """What reaches the pixels of a passive sensor."""
+        """Returns what reached the pixels of a passive sensor."""
         return self.result.variants[0].radiances
 
     @property
     def image(self) -> Image:
-        """What the sensor made of it. Raises ValueError if the sensor failed."""
+        """Returns the image. Raises ValueError if the sensor failed."""
         image = self.result.variants[0].image
         if image is None:
             raise ValueError("the sensor failed")
@@ -95,7 +95,7 @@ class Run:
 
     @cached_property
     def truth(self) -> Truth:
-        """What should reach the pixels."""
+        """Returns what should have reached the pixels."""
         cube = self.result.cubes[0] if self.result.cubes else None
         return truth(self.scene, self.sight.frequency_hz, cube)
 
@@ -105,9 +105,10 @@ Judge = Callable[[Run], Measurement]
 
 @dataclass(frozen=True)
 class Case:
-    """Changes to the base scene, by dotted key, and the judges of its run with their bounds.
+    """A name, changes to the base scene by dotted key, and judges of its run with their bounds.
 
-    Bounds are by precision; the case is run in each precision that any judge has a bound for.
+    The bounds of a judge are by precision. The case is run in each precision for which one of its
+    judges has a bound.
     """
 
     name: str
@@ -116,14 +117,14 @@ class Case:
 
     @property
     def precisions(self) -> list[str]:
-        """The precisions in which the case is run."""
+        """Returns the precisions in which the case is run."""
         bounded = {precision for _, bounds in self.judges.values() for precision in bounds}
         return [precision for precision in (SINGLE, DOUBLE) if precision in bounded]
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """One line of the table: one judge's measurement of one case in one precision."""
+    """One row of the table: one judge's measurement of one case in one precision."""
 
     case: str
     judge: str
@@ -135,23 +136,23 @@ class Outcome:
 
     @property
     def name(self) -> str:
-        """The line's name in the table."""
+        """Returns the name of the row in the table."""
         return f"{self.case}: {self.judge}, {self.precision}"
 
     @property
     def passed(self) -> bool:
-        """Whether the error is within the bound; NaN never is."""
+        """Returns whether the error is within the bound; NaN never passes."""
         return self.error <= self.bound
 
     def record(self) -> dict[str, Any]:
-        """Returns the line for JSON, in which numbers that are not finite are null."""
+        """Returns the row for JSON, in which numbers that are not finite are null."""
         numbers = {key: getattr(self, key) for key in ("measured", "reference", "error", "bound")}
         finite = {key: value if math.isfinite(value) else None for key, value in numbers.items()}
         return {"name": self.name} | finite | {"passed": self.passed}
 
 
 def worst(measured: ArrayLike, reference: ArrayLike, scale: ArrayLike | None = None) -> Measurement:
-    """Returns the value farthest off, relative to `scale` or, without one, to the reference."""
+    """Returns the value with the largest error, relative to `scale` or else to the reference."""
     values, right = np.broadcast_arrays(
         np.asarray(measured, dtype=np.float64), np.asarray(reference, dtype=np.float64)
     )
@@ -166,9 +167,9 @@ def worst(measured: ArrayLike, reference: ArrayLike, scale: ArrayLike | None = N
 def examine(
     cases: Iterable[Case], device: str | None = None, progress: Progress | None = None
 ) -> Iterator[Outcome]:
-    """Runs the cases in each of their precisions, all on one device, and judges them.
+    """Runs cases in each of their precisions, all on one device, and yields their outcomes.
 
-    `device` chooses it by number or by a part of its name. Raises DeviceError if none is usable.
+    `device` is a number or a part of a device's name. Raises DeviceError if no device is usable.
     """
     opened = open_device(device)
     with tempfile.TemporaryDirectory() as folder:
@@ -182,7 +183,10 @@ def examine(
 
 
 def _examine(case: Case, precision: str, base: Path, device: Device) -> Iterator[Outcome]:
-    """Runs a case in one precision; where a number is not finite, every judgement fails."""
+    """Runs a case in one precision, and yields the outcome of each judge.
+
+    All of them fail if the run fails because a number is not finite.
+    """
     plan = pipeline.prepare(base, {**case.changes, "numerics.precision": precision})
     try:
         run = Run(plan.variants[0].scene, pipeline.compute_images(plan, device, Clock()))

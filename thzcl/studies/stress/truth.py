@@ -1,7 +1,7 @@
-"""What the stress cases are held to: closed forms, and the float64 twin's walk from voxel to voxel.
+"""The truth for stress cases: closed forms, and the float64 twin's walk from voxel to voxel.
 
-Absorption is MPM93 itself at each voxel's own humidity and temperature: no polynomial, no path
-moments, no cut-off. Of the run, nothing is taken but the cube that it saved.
+Absorption is that of MPM93 itself at the humidity and temperature of each voxel, without
+polynomials, path moments or a cut-off. Nothing is taken from the run but the cube that it saved.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ GAS_CONSTANT_OF_VAPOUR = 461.525  # J kg-1 K-1
 
 
 class RayEnds(NamedTuple):
-    """Where the rays of an image end, all (y, x): how far away, and on what kind of surface."""
+    """The ends of an image's rays, all (y, x): their distance, and the surfaces they meet."""
 
     length_m: Array
     temperature_k: Array
@@ -34,9 +34,10 @@ class RayEnds(NamedTuple):
 class Truth:
     """What the camera should see, (frequency, y, x).
 
-    Radiances in W m-2 sr-1 Hz-1 are differences from the mean air's: `surface` unattenuated,
-    `coldest` and `warmest` the least and the largest that a ray meets, its surface included.
-    `thinnest_voxel` is the depth across the least absorbing voxel met, along its edge.
+    The radiances are differences from that of the mean air, in W m-2 sr-1 Hz-1: `surface` that of
+    the surface without attenuation, `contrast` that at the camera, `coldest` and `warmest` the
+    smallest and the largest on a ray's path, its surface included. `thinnest_voxel` is the optical
+    depth along one edge of the voxel that absorbs least.
     """
 
     optical_depth: Array
@@ -50,9 +51,9 @@ class Truth:
 def absorption(
     scene: Scene, frequency_hz: Array, grams_m3: Array | float, temperature_k: Array | float
 ) -> Array:
-    """Returns the absorption in 1/m of air with so much vapour; the arguments broadcast.
+    """Returns the absorption in 1/m of air with `grams_m3` of vapour; the arguments broadcast.
 
-    The vapour's pressure is limited to the total pressure.
+    The vapour pressure is limited to the total pressure.
     """
     air = scene.atmosphere
     pascal = np.maximum(grams_m3, 0) / 1e3 * GAS_CONSTANT_OF_VAPOUR * temperature_k
@@ -77,9 +78,9 @@ def directions(scene: Scene) -> Array:
 
 
 def ray_ends(scene: Scene) -> RayEnds:
-    """Returns where rays end: at the background, the ground, or the near face of a wall.
+    """Returns the ends of rays: at the background, the ground, or the near face of a wall.
 
-    A wall is a box larger than the view, and its near face is x = constant.
+    A wall is a box larger than the field of view, whose near face lies at a constant x.
     """
     rays, air_k = directions(scene), scene.atmosphere.temperature_k
     x, _, z = scene.camera.position_m
@@ -100,12 +101,12 @@ def ray_ends(scene: Scene) -> RayEnds:
 
 
 def _kelvin(temperature_k: float | None, air_k: float) -> float:
-    """Returns a surface's temperature, the air's where it has none of its own."""
+    """Returns a surface's temperature, or the air's if it has none."""
     return air_k if temperature_k is None else temperature_k
 
 
 def truth(scene: Scene, frequency_hz: Array, cube: Cube | None) -> Truth:
-    """Returns what the camera should see through the saved cube or, without one, uniform air."""
+    """Returns what the camera should see through a saved cube, or through uniform air if None."""
     ends, air_k = ray_ends(scene), scene.atmosphere.temperature_k
     environment = scene.background.environment
     around_k = {"air": air_k, "none": 0.0}.get(str(environment), environment)
@@ -122,7 +123,10 @@ def truth(scene: Scene, frequency_hz: Array, cube: Cube | None) -> Truth:
 
 
 def _through(scene: Scene, frequency_hz: Array, cube: Cube, path_m: Array, surface: Array) -> Truth:
-    """Returns what rays of given lengths (y, x) bring through a cube, from what they end at."""
+    """Returns what the camera should see through a cube.
+
+    `path_m` (y, x) are the lengths of rays, `surface` (frequency, y, x) the contrast at their ends.
+    """
     grid, rays = len(cube.absolute_humidity_g_m3), directions(scene).reshape(-1, 3)
     fluctuations, air_k = scene.atmosphere.fluctuations, scene.atmosphere.temperature_k
     turn = ROTATIONS[fluctuations.orientation if fluctuations else "aligned"]
@@ -152,9 +156,9 @@ def _through(scene: Scene, frequency_hz: Array, cube: Cube, path_m: Array, surfa
 
 
 class BandTruth(NamedTuple):
-    """What a flat band brings through uniform air: mean transmission, and contrast.
+    """What a flat band brings through uniform air: its mean transmission and its contrast.
 
-    The contrast is relative to the air's radiance.
+    The contrast is relative to the air's radiance in the band.
     """
 
     transmission: float
@@ -162,9 +166,9 @@ class BandTruth(NamedTuple):
 
 
 def band(scene: Scene, low_hz: float, high_hz: float, power: float) -> BandTruth:
-    """Returns sums over a flat band for a ray that ends at max_range_m.
+    """Returns the sums over a flat band for a ray that ends at max_range_m.
 
-    Radiance is weighted with frequency to a `power`.
+    Radiance is weighted by frequency to the power `power`.
     """
     hz, weights = _fine_rule(low_hz, high_hz, line_width_ghz(scene.atmosphere.pressure_hpa) * 1e9)
     air_k = scene.atmosphere.temperature_k
@@ -180,10 +184,10 @@ def band(scene: Scene, low_hz: float, high_hz: float, power: float) -> BandTruth
 
 
 def _fine_rule(low_hz: float, high_hz: float, line_width_hz: float) -> tuple[Array, Array]:
-    """Returns frequencies and weights, some hundred times as many as a run takes.
+    """Returns frequencies and weights in Hz, some hundred times as many as a run takes.
 
-    Gauss-Legendre rules of twelve points stand between cuts that close in on every line by factors
-    of 1.6, from the whole band down to a hundredth of a line's width.
+    The band is cut into parts, each with a Gauss-Legendre rule of twelve points. The cuts approach
+    every line by factors of 1.6, from the width of the band down to a hundredth of a line's width.
     """
     span = 100 * (high_hz - low_hz) / line_width_hz
     steps = 0.01 * line_width_hz * 1.6 ** np.arange(np.ceil(np.log(span) / np.log(1.6)))
