@@ -40,7 +40,7 @@ def thzcl_command(tmp_path):
 
     def call(*arguments, cwd=tmp_path, env=None, **options):
         environment = (
-            {k: v for k, v in os.environ.items() if k != "PYTHONPATH"}
+            {k: v for k, v in os.environ.items() if k not in ("PYTHONPATH", "COLUMNS")}
             | {"PYTHONPATH": str(ROOT)}
             | (env or {})
         )

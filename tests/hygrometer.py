@@ -42,11 +42,20 @@ def write_csv(path, columns, missing=()):
 
 
 def synthetic(
-    path, seed, samples=18000, constant=0.2, wind=3.0, rate=20.0, gaps=0.01, spikes=0.001, noise=0.01, outer_m=100.0
-):  # fmt: skip
-    """A CSV record with noise of the sensor (g/m3), gaps and spikes; and where they are.
+    path,
+    seed,
+    samples=18000,
+    constant=0.2,
+    wind=3.0,
+    rate=20.0,
+    gaps=0.01,
+    spikes=0.001,
+    noise=0.01,
+    outer_m=100.0,
+):
+    """Returns a CSV record with noise of the sensor (g/m3), gaps and spikes, and where they are.
 
-    As two arrays of rows.
+    Where they are is told as two arrays of rows.
     """
     rng = np.random.default_rng(seed)
     humidity = (

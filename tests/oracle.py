@@ -1,7 +1,8 @@
-"""Slow float64 twins of everything that thzcl computes, written for clarity; they share no code with the package.
+"""Slow float64 twins of everything that thzcl computes, written for clarity.
 
-Sources: Liebe, Hufford and Cotton (1993) for absorption; Planck's law; O'Brien and Tofsted's equation (2) for the radiance
-at the camera; plain geometry for the rest.
+They share no code with the package. Sources: Liebe, Hufford and Cotton (1993) for absorption;
+Planck's law; O'Brien and Tofsted's equation (2) for the radiance at the camera; plain geometry for
+the rest.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ H, K, C = 6.62607015e-34, 1.380649e-23, 299792458.0
 
 
 # --- absorption
-# -----------------------------------------------------------------------------------------------------------
+# ------------------------------------------------------------------------------------------
 
 
 def lines(name):
@@ -78,7 +79,7 @@ def absorption_per_m(frequency_hz, kelvin, pressure, grams):
 
 
 # --- radiance
-# -------------------------------------------------------------------------------------------------------------
+# ------------------------------------------------------------------------------------------
 
 
 def planck(frequency_hz, kelvin):
@@ -93,7 +94,7 @@ def brightness_temperature(frequency_hz, radiance):
 
 
 # --- geometry
-# -------------------------------------------------------------------------------------------------------------
+# ------------------------------------------------------------------------------------------
 
 
 @dataclass
@@ -162,13 +163,14 @@ def stripe(box, hit, count):
 
 
 # --- paths
-# ----------------------------------------------------------------------------------------------------------------
+# ------------------------------------------------------------------------------------------
 
 
 def segments(origin, direction, length, n):
-    """Voxel (x, y, z) and length of each voxel crossed, in voxel units, through a periodic cube of n voxels an edge.
+    """Returns each voxel crossed (x, y, z) of a periodic cube of n voxels an edge, and its length.
 
-    Every crossing of every face is listed and sorted, so nothing is accumulated; a ray in a face belongs to [i, i + 1).
+    All are in voxel units. Every crossing of every face is listed and sorted, so that nothing is
+    accumulated; a ray in a face belongs to [i, i + 1).
     """
     cuts = [np.array([0.0, length])]
     for o, d in zip(origin, direction, strict=True):
@@ -205,7 +207,7 @@ def transfer(absorption, metres, source, surface):
 
 
 # --- field
-# ----------------------------------------------------------------------------------------------------------------
+# ------------------------------------------------------------------------------------------
 
 
 def philox(counter, key):

@@ -116,7 +116,7 @@ def test_only_the_device_knows_opencl(path):
     assert dotted(path).startswith("device") or not known & {"pyopencl", "reikna"}
 
 
-@pytest.mark.parametrize("path", sorted((ROOT / "sensors").glob("*.py")), ids=lambda path: path.name)
+@pytest.mark.parametrize("path", sorted((ROOT / "sensors").glob("*.py")), ids=lambda p: p.name)
 def test_sensors_import_the_contract_and_numpy_alone(path):
     """Beside the standard library."""
     for module in imports(path):

@@ -5,7 +5,6 @@ No times are measured here.
 
 from __future__ import annotations
 
-import json
 import subprocess
 import sys
 

@@ -13,7 +13,9 @@ _root = _Path(__file__).parents[1]
 if not _Path(__file__).with_name("sensors").is_dir() and (_root / "pyproject.toml").is_file():
     __path__.append(str(_root))
 
-from thzcl.results.versions import VERSION as __version__  # noqa: E402 (needs the path above)
+from thzcl.results import versions as _versions  # noqa: E402 (needs the path above)
+
+__version__ = _versions.VERSION
 
 if _TYPE_CHECKING:
     from thzcl.device.choose import open_device

@@ -24,8 +24,8 @@ from thzcl.sensing.transfer import ShadeSpec
 from thzcl.surfaces import camera
 from thzcl.surfaces.camera import Raster
 from thzcl.surfaces.ends import RayEnds
-from thzcl.turbulence.orientation import ROTATIONS
 from thzcl.turbulence.cube import Field
+from thzcl.turbulence.orientation import ROTATIONS
 
 VARIANT = "284 K"
 CHECKED = 4096  # rays followed again in float64, from which errors are measured

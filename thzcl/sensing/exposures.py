@@ -191,7 +191,7 @@ def _lines(shape: Geometry, axis: int, line: int) -> Geometry:
     frame[1] += (shift if axis == 0 else -shift) * frame[side]
     frame[side] *= step
     size[axis], block[axis] = count, 1
-    raster = Raster(*size, (block[0], block[1]))
+    raster = Raster(size[0], size[1], (block[0], block[1]))
     return replace(shape, raster=raster, frame=Values.of(frame))
 
 

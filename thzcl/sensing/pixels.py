@@ -48,9 +48,9 @@ class PlacesSpec(Spec):
         mean = optics.pixel_mean(raster)
 
         def pixels(values: Any) -> Array:
-            return weigh(
-                on_raster(raster, values.host()), mean, Steps(raster.block, raster.pixels)
-            )[0]
+            rays: Array = on_raster(raster, values.host())
+            planes: Array = weigh(rays, mean, Steps(raster.block, raster.pixels))
+            return planes[0]
 
         length = pixels(ends.path_length)
         flags = self.targets.array[middles(raster, on_raster(raster, ends.surface.host()))]

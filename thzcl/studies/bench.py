@@ -21,6 +21,7 @@ from thzcl.graph import Spec, everything
 from thzcl.paths.specs import EmissionSpec
 from thzcl.plan.plan import Plan
 from thzcl.results.result import Result
+from thzcl.results.versions import versions
 from thzcl.sensing.transfer import ShadeSpec
 from thzcl.surfaces.ends import EndsSpec
 from thzcl.turbulence.fields import AnyField
@@ -100,7 +101,7 @@ def surroundings() -> dict[str, Any]:
             "system": platform.system(),
         },
         "commit": _commit(),
-        "versions": pipeline.versions(),
+        "versions": versions(),
     }
 
 
