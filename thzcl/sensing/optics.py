@@ -125,8 +125,8 @@ def _transfer(
     steps = (pixel_rad[1] / rays.block[0], pixel_rad[0] / rays.block[1])
     grid = [fft.next_fast_len(2 * n - 1, real=True) for n in size]
     grid = [n + n % 2 for n in grid]  # even, so that half a spectrum tells the length
-    fy: Array = np.fft.fftfreq(grid[0], steps[0])
-    fx: Array = np.fft.rfftfreq(grid[1], steps[1])
+    fy = np.asarray(np.fft.fftfreq(grid[0], steps[0]), np.float64)
+    fx = np.asarray(np.fft.rfftfreq(grid[1], steps[1]), np.float64)
     passed = np.ones((len(fy), len(fx)))
     if optics.pixel:
         passed = np.sinc(fy * pixel_rad[1])[:, None] * np.sinc(fx * pixel_rad[0])

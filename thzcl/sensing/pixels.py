@@ -50,7 +50,7 @@ class PlacesSpec(Spec):
         def pixels(values: Any) -> Array:
             rays: Array = on_raster(raster, values.host())
             planes: Array = weigh(rays, mean, Steps(raster.block, raster.pixels))
-            return planes[0]
+            return np.asarray(planes[0])
 
         length = pixels(ends.path_length)
         flags = self.targets.array[middles(raster, on_raster(raster, ends.surface.host()))]
