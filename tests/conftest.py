@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import importlib
+import itertools
 import json
 import os
 import subprocess
@@ -10,6 +12,7 @@ from pathlib import Path
 
 import pytest
 
+_NUMBERS = itertools.count()
 ROOT = Path(__file__).parents[1]
 COMMANDS = {"thzcl_command", "thzcl_json"}  # fixtures that start a process
 sys.path.insert(0, str(Path(__file__).parent))
@@ -29,6 +32,38 @@ def device():
     from thzcl.device.choose import open_device
 
     return open_device()
+
+
+@pytest.fixture(scope="session")
+def dust(tmp_path_factory):
+    """Third party's dust, installed by pip for this process; gives an environment for others."""
+    from packages import install
+
+    folder = tmp_path_factory.mktemp("dust")
+    environment = install(ROOT / "tests" / "grey_dust", folder)
+    sys.path.insert(0, str(folder))
+    importlib.invalidate_caches()
+    yield environment
+    sys.path.remove(str(folder))
+
+
+@pytest.fixture
+def odd(tmp_path, monkeypatch):
+    """Installs a constituent named "odd" in some text for this process. Returns its new name."""
+    from packages import plugin
+
+    monkeypatch.syspath_prepend(tmp_path)
+
+    def installed(body, name=None):
+        number = next(_NUMBERS)
+        name = name or f"odd-{number}"
+        body = body.replace('name = "odd"', f'name = "{name}"')
+        owner, group = f"odd-airs-{number}", "thzcl.constituents"
+        plugin(tmp_path, body, name, f"odd_air_{number}", owner, group)
+        importlib.invalidate_caches()
+        return name
+
+    return installed
 
 
 @pytest.fixture

@@ -46,7 +46,13 @@ class Setting:
 
 
 # As thzcl builds on a CPU, and with one ray to a work-item as on a GPU.
-PACKETS = [Setting("float32", 8), Setting("float32"), Setting("float64", 4), Setting("float64")]
+PACKETS = [
+    Setting("float32", 8),
+    Setting("float32", 16),
+    Setting("float32"),
+    Setting("float64", 4),
+    Setting("float64"),
+]
 # What one ray does alone, on devices with float64 and without.
 STARTS = [Setting(), Setting(float64=False)]
 
@@ -61,7 +67,7 @@ def evaluate(device, files, body, arrays, count, setting, options=()):
         name if " " in name else f"__global {TYPES[str(array.dtype)]} *{name}"
         for name, array in arrays.items()
     ]
-    paths = [ROOT / "kernels" / f"{name}.cl" for name in ("device/lanes", *files)]
+    paths = [ROOT / "kernels" / f"{name}.cl" for name in (*device.headers, *files)]
     source = "".join(
         f'#line 1 "{path.name}"\n{path.read_text(encoding="utf-8")}\n' for path in paths
     )
@@ -70,7 +76,7 @@ def evaluate(device, files, body, arrays, count, setting, options=()):
         f"{{\n    const int first = get_global_id(0) * LANES;\n{body}\n}}\n"
     )
     defined = [f"LANES={setting.lanes}", f"PRECISION={setting.precision.removeprefix('float')}"]
-    defined += ["WIDE"] if setting.float64 else []
+    defined += ["GATHERS", *(["WIDE"] if setting.float64 else [])]
     kernel = cl.Kernel(_built(device.context, source, (*defined, *options)), "test")
     flags = cl.mem_flags.READ_WRITE | cl.mem_flags.COPY_HOST_PTR
     buffers = [cl.Buffer(device.context, flags, hostbuf=array) for array in arrays.values()]

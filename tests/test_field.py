@@ -59,7 +59,6 @@ def test_temperature_and_humidity_come_from_one_transform(device):
     )
 
 
-@pytest.mark.filterwarnings("ignore::DeprecationWarning")  # reikna's own
 def test_a_transform_on_the_device_gives_the_same_field(device):
     found = field.generate(device, PLAIN, "float32", library="reikna").delta.host()
     assert found == pytest.approx(cube(device), abs=0.2 * OTHER_ARITHMETIC)
@@ -74,7 +73,7 @@ def test_the_same_seed_gives_the_same_field(device):
 @pytest.mark.parametrize("group", [1, 2, 4, 32])
 def test_the_same_field_on_any_work_group_size(device, monkeypatch, group):
     expected = cube(device, grid=32)
-    monkeypatch.setattr("thzcl.device.opencl.GROUP", group)
+    monkeypatch.setattr(device, "group", group)
     assert np.array_equal(cube(device, grid=32), expected)
 
 

@@ -172,14 +172,14 @@ def test_a_surface_sends_out_its_row_of_the_table(device, setting, textured):
 
 @packets
 def test_lanes_gather_and_any_of_them_counts(device, setting):
-    rng, count = np.random.default_rng(5), 16 * setting.lanes
+    rng, lanes = np.random.default_rng(5), setting.lanes
+    count = (lanes + 1) * lanes
     values = rng.normal(size=1000).astype(setting.precision)
     index = rng.integers(1000, size=count).astype(setting.whole)
     index[:2] = 0, 999
-    x = np.zeros((16, setting.lanes), setting.precision)
-    x[np.arange(setting.lanes), np.arange(setting.lanes)] = 1  # each lane alone, and no lane
+    x = np.eye(lanes + 1, lanes, dtype=setting.precision)  # each lane alone, and no lane
     gathered, least = np.zeros((2, count), setting.precision)
-    found = np.zeros(16, np.int32)
+    found = np.zeros(lanes + 1, np.int32)
     body = """
     const reals value = GATHER(values, LOAD(index + first));
     STORE(value, gathered + first);
@@ -191,7 +191,7 @@ def test_lanes_gather_and_any_of_them_counts(device, setting):
     evaluate(device, [], body, arrays, count, setting)
     assert np.array_equal(gathered, values[index])
     assert np.array_equal(least, np.minimum(values[index], x.ravel()))
-    assert found.tolist() == [1] * setting.lanes + [0] * (16 - setting.lanes)
+    assert found.tolist() == [1] * lanes + [0]
 
 
 @packets
@@ -200,7 +200,7 @@ def test_depths_add_up_without_rounding_and_polynomials_end_where_they_end(devic
 
     The coefficient that a polynomial of three does not have is not a number here.
     """
-    rng, count = np.random.default_rng(6), 8
+    rng, count = np.random.default_rng(6), 16
     terms = rng.uniform(0, 1e-3, (10000, count)).astype(setting.precision)
     x = rng.uniform(-2, 2, count).astype(setting.precision)
     c = np.array([0.5, -1.25, 2.0, np.nan], setting.precision)
@@ -208,7 +208,7 @@ def test_depths_add_up_without_rounding_and_polynomials_end_where_they_end(devic
     body = """
     reals depth = 0, rest = 0, latest = 0;
     for (int i = 0; i < 10000; ++i) {
-        latest += LOAD(terms + 8 * i + first);
+        latest += LOAD(terms + 16 * i + first);
         take_in(&depth, &rest, &latest);
     }
     STORE(depth, total + first);

@@ -176,7 +176,7 @@ REMEDIES = {
         [Shows("depth", (1e-3, 1.0), [*ALONG_AXES])],
     ),
     "a face that belongs to the voxel above it": Remedy(
-        kernels("march.cl", ("below = floor(origin[lane])", "below = ceil(origin[lane]) - 1")),
+        kernels("march.cl", ("below = FLOOR(origin[lane])", "below = ceil(origin[lane]) - 1")),
         [Shows("depth", (1e-3, 1.0), [*ALONG_AXES, ALONG_FACE])],
     ),
     "a ray that goes down from a face, in the voxel below": Remedy(

@@ -186,7 +186,7 @@ def _result(plan: Plan, device: Device, made: list[_Made], clock: Clock, figure:
         figure_columns=first.scene.output.figure_columns,
         difference=first.scene.output.difference,
         grid_rotation=ROTATIONS[first.orientation],
-        device=f"{device.info.name} ({device.info.driver})",
+        device=device.info.description,
         seed=plan.scenario.seed,
         build_options=tuple(device.build_options),
         seconds=clock.seconds,

@@ -2,13 +2,11 @@
 // has no other way to use its vector units, since PoCL does not vectorise divergent loops across
 // work-items. On a GPU LANES is 1.
 //
-// Options: LANES is 1, 4 or 8; PRECISION is 32 or 64, the bits of `real`; WIDE is set where the
+// Options: LANES is 1, 4, 8 or 16; PRECISION is 32 or 64, the bits of `real`; WIDE is set where the
 // device has float64.
 
 #define JOIN_(a, b) a##b
 #define JOIN(a, b) JOIN_(a, b)
-#define VECTOR_OF_4(type) JOIN(type, 4)
-#define VECTOR_OF_8(type) JOIN(type, 8)
 
 // VECTOR names the type of LANES numbers. LOAD and STORE move one packet of them, ANY says whether
 // a comparison holds in any lane, and GATHER reads p at each lane's own index. GATHER takes the
@@ -21,24 +19,20 @@
 #define ANY(condition) (condition)
 #define LANE_NUMBERS 0
 #define GATHER(p, i) ((p)[i])
-#elif LANES == 4
-#define VECTOR(type) JOIN(type, 4)
-#define LOAD(p) vload4(0, p)
-#define STORE(value, p) vstore4(value, 0, p)
-#define ANY(condition) any_of_4(condition)
-#define LANE_NUMBERS (int4)(0, 1, 2, 3)
-#define GATHER(p, i) \
-    (reals)((p)[(uint)(i).s0], (p)[(uint)(i).s1], (p)[(uint)(i).s2], (p)[(uint)(i).s3])
-#elif LANES == 8
-#define VECTOR(type) JOIN(type, 8)
-#define LOAD(p) vload8(0, p)
-#define STORE(value, p) vstore8(value, 0, p)
-#define ANY(condition) any_of_8(condition)
-#define LANE_NUMBERS (int8)(0, 1, 2, 3, 4, 5, 6, 7)
-#define GATHER(p, i) \
-    (reals)((p)[(uint)(i).s0], (p)[(uint)(i).s1], (p)[(uint)(i).s2], (p)[(uint)(i).s3], \
-            (p)[(uint)(i).s4], (p)[(uint)(i).s5], (p)[(uint)(i).s6], (p)[(uint)(i).s7])
+#else
+#define VECTOR(type) JOIN(type, LANES)
+#define LOAD(p) JOIN(vload, LANES)(0, p)
+#define STORE(value, p) JOIN(vstore, LANES)(value, 0, p)
+#define ANY(condition) any(condition)
+#define LANE_NUMBERS (VECTOR(int))(JOIN(NUMBERS_, LANES))
+#define GATHER(p, i) ((reals)(JOIN(READ_, LANES)(p, i)))
 #endif
+#define NUMBERS_4 0, 1, 2, 3
+#define NUMBERS_8 NUMBERS_4, 4, 5, 6, 7
+#define NUMBERS_16 NUMBERS_8, 8, 9, 10, 11, 12, 13, 14, 15
+#define READ_4(p, i) (p)[(uint)(i).s0], (p)[(uint)(i).s1], (p)[(uint)(i).s2], (p)[(uint)(i).s3]
+#define READ_8(p, i) READ_4(p, (i).lo), READ_4(p, (i).hi)
+#define READ_16(p, i) READ_8(p, (i).lo), READ_8(p, (i).hi)
 
 #if PRECISION == 64
 typedef double real;
@@ -63,15 +57,19 @@ typedef double wide;
 typedef float wide;
 #endif
 
+// For functions that are part of a loop over packets.
+#define INLINE static inline
+
 // For loops of few turns over values that are to stay in registers.
 #define UNROLLED _Pragma("unroll")
 
-// Whether a comparison holds in any lane. OpenCL's any() is a function call in PoCL, which sends
-// every vector around it to memory and back.
-#define JOINED_2(m) ((m).x | (m).y)
-#define JOINED_4(m) JOINED_2((m).lo | (m).hi)
-static inline int any_of_4(VECTOR_OF_4(WHOLE) m) { return JOINED_4(m) < 0; }
-static inline int any_of_8(VECTOR_OF_8(WHOLE) m) { return JOINED_4((m).lo | (m).hi) < 0; }
-
 // The smaller of two numbers. OpenCL's fmin honours NaN and makes loops three times slower.
 #define SMALLER(a, b) ((a) < (b) ? (a) : (b))
+
+// What has other forms in pocl.cl: the largest whole number that is not above a number of type
+// `wide`, the whole number nearest to a small one, exponentials, and the product of a number of 32
+// bits and a packet of them: its low words, and in `high` its high ones.
+#define FLOOR(x) floor(x)
+#define NEAREST(x) rint(x)
+#define EXP(x) exp(x)
+#define PRODUCT(a, b, high) (*(high) = mul_hi((VECTOR(uint))(a), b), (a) * (b))

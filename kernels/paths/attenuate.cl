@@ -12,14 +12,12 @@ static inline reals attenuate(reals x, reals *lost)
     return exp(-x);
 #else
     const reals capped = SMALLER(x, (reals)80.0f);
-    // Adding and subtracting 1.5 2^23 rounds to the nearest whole number. In PoCL rint() would be a
-    // function call, which sends every vector around it to memory and back.
-    const reals n = (capped * 1.44269504f + 12582912.0f) - 12582912.0f;
+    const reals n = NEAREST(capped * 1.44269504f);
     const reals r = (n * 0.693145752f - capped) + n * 1.42860677e-6f;   // ln 2 in two parts
     const reals square = r * r, tail = (8.363178e-3f * r + 0.041666556f) + square * 1.3926182e-3f;
     // Neither half of the series waits for the other.
     const reals series = r + square * ((0.16666576f * r + 0.5f) + square * tail);
-    const reals scale = VECTOR(as_float)((127 - VECTOR(convert_int)(n)) << 23);   // 2^-n
+    const reals scale = VECTOR(as_float)((127 - TO_WHOLES(n)) << 23);   // 2^-n
     *lost = (1.0f - scale) - scale * series;
     return scale + scale * series;
 #endif

@@ -21,12 +21,12 @@ typedef struct {
 
 // One axis of LANES rays that start at `origin` (voxels, in [0, N)) with `direction` (voxels per
 // unit of parameter).
-static axis axis_start(const wide *origin, const wide *direction, int shift, int log2n)
+INLINE axis axis_start(const wide *origin, const wide *direction, int shift, int log2n)
 {
     real step[LANES], first[LANES];
     whole cell[LANES], stride[LANES];
     for (int lane = 0; lane < LANES; ++lane) {
-        const wide d = direction[lane], below = floor(origin[lane]), inside = origin[lane] - below;
+        const wide d = direction[lane], below = FLOOR(origin[lane]), inside = origin[lane] - below;
         const wide size = 1 / (d < 0 ? -d : d);
         // A ray that never crosses has a step of 0 from infinity, so that no product of zero and
         // infinity arises.
@@ -47,7 +47,7 @@ static axis axis_start(const wide *origin, const wide *direction, int shift, int
 }
 
 // Moves the rays whose next crossing of this axis is reached at `there` into the next voxel.
-static inline void axis_cross(axis *a, reals there)
+INLINE void axis_cross(axis *a, reals there)
 {
     const wholes crossed = a->next <= there;
     a->next = crossed ? a->following : a->next;
@@ -66,7 +66,7 @@ typedef struct {
 // The rays of a packet at their start: those from number `first` of the `count` that are followed.
 // `reach` is how far the camera's ray goes, `end` how far the ray that is followed goes; the two
 // differ on the outgoing way only. `time` is when each ray is taken, in seconds.
-static march march_start(__constant frame *cube, int width, int height, int log2n,
+INLINE march march_start(__constant frame *cube, int width, int height, int log2n,
                          __global const wide *reach, __global const wide *end,
                          __global const wide *time, __global const real *stretch,
                          __global const int *picked, int count, int first)
@@ -74,15 +74,15 @@ static march march_start(__constant frame *cube, int width, int height, int log2
     wide ox[LANES], oy[LANES], oz[LANES], dx[LANES], dy[LANES], dz[LANES];
     real stop[LANES], metres[LANES];
     for (int lane = 0; lane < LANES; ++lane) {
-        const int ray = RAY(min(first + lane, count - 1));
+        const int ray = RAY(SMALLER(first + lane, count - 1));
         const point d = follow_direction(cube, width, height, ray, reach[ray]);
         point o = cube->origin;
 #ifdef MOTION
         const wide period = 1 << log2n;
         o = along(o, time[ray], cube->drift);
-        o.x -= period * floor(o.x / period);
-        o.y -= period * floor(o.y / period);
-        o.z -= period * floor(o.z / period);
+        o.x -= period * FLOOR(o.x / period);
+        o.y -= period * FLOOR(o.y / period);
+        o.z -= period * FLOOR(o.z / period);
 #endif
         ox[lane] = o.x;
         oy[lane] = o.y;
@@ -104,20 +104,20 @@ static march march_start(__constant frame *cube, int width, int height, int log2
 }
 
 // The numbers of the voxels that the rays are in.
-static inline wholes march_voxel(const march *m)
+INLINE wholes march_voxel(const march *m)
 {
     return (m->x.cell & m->x.mask) + (m->y.cell & m->y.mask) + (m->z.cell & m->z.mask);
 }
 
 // Where the rays leave the voxels that they are in.
-static inline reals march_exit(const march *m)
+INLINE reals march_exit(const march *m)
 {
     const reals side = SMALLER(m->x.next, m->y.next), cap = SMALLER(m->z.next, m->end);
     return SMALLER(side, cap);
 }
 
 // Moves all rays on to `there`, into their next voxels.
-static inline void march_cross(march *m, reals there)
+INLINE void march_cross(march *m, reals there)
 {
     axis_cross(&m->x, there);
     axis_cross(&m->y, there);
@@ -127,7 +127,7 @@ static inline void march_cross(march *m, reals there)
 
 // The number of voxels that a packet's rays crossed over positive length; the last packet's idle
 // lanes do not count.
-static int march_count(wholes crossed, int first, int count)
+INLINE int march_count(wholes crossed, int first, int count)
 {
     whole counts[LANES];
     STORE(crossed, counts);
@@ -137,7 +137,7 @@ static int march_count(wholes crossed, int first, int count)
 }
 
 // Records the rays that the cut-off ended: each keeps its path so far, and meets nothing.
-static void march_record_ends(const march *m, wholes ended, __global const int *picked, int count,
+INLINE void march_record_ends(const march *m, wholes ended, __global const int *picked, int count,
                               int first, __global real *path_length, __global int *surface)
 {
     real length[LANES];
@@ -145,7 +145,7 @@ static void march_record_ends(const march *m, wholes ended, __global const int *
     STORE(m->end * m->metres, length);
     STORE(ended, over);
     for (int lane = 0; lane < LANES; ++lane) {
-        const int ray = RAY(min(first + lane, count - 1));
+        const int ray = RAY(SMALLER(first + lane, count - 1));
         if (over[lane]) {
             path_length[ray] = length[lane];
             surface[ray] = 0;

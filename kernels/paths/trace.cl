@@ -5,8 +5,11 @@
 // `count` rays are followed; their moments are stored in their order, padded to whole packets.
 //
 // Options: MOMENTS; CUTOFF where a ray can pass the cut-off depth; MOTION and OUTGOING as in
-// camera.cl. After each CUTOFF voxels the smallest depth over the scene's frequencies is compared
-// with `cutoff`; `guard` holds its coefficients per metre.
+// camera.cl. After each CUTOFF voxels, a multiple of TOGETHER, the smallest depth over the scene's
+// frequencies is compared with `cutoff`; `guard` holds its coefficients per metre.
+
+// Whether any ray goes on is asked after this many voxels: where none does, voxels have no length.
+#define TOGETHER 4
 
 __kernel void trace(__global const real *restrict delta, __constant frame *cube, int width,
                     int height, int log2n, __global const wide *reach, __global const wide *end,
@@ -29,24 +32,28 @@ __kernel void trace(__global const real *restrict delta, __constant frame *cube,
     int steps = 0;
 #endif
     while (ANY(ray.here < ray.end)) {
-        const reals there = march_exit(&ray), length = there - ray.here;
-        const wholes voxel = march_voxel(&ray);
-        const reals d = GATHER(delta, voxel);
-        reals power = length;
         UNROLLED
-        for (int k = 0; k < MOMENTS; ++k) {
-            power *= d;
-            m[k] += power;
+        for (int voxels = 0; voxels < TOGETHER; ++voxels) {
+            const reals there = march_exit(&ray), length = there - ray.here;
+            const wholes voxel = march_voxel(&ray);
+            const reals d = GATHER(delta, voxel);
+            reals power = length;
+            UNROLLED
+            for (int k = 0; k < MOMENTS; ++k) {
+                power *= d;
+                m[k] += power;
+            }
+            crossed += length > 0 ? (wholes)1 : (wholes)0;
+            march_cross(&ray, there);
         }
-        crossed += length > 0 ? (wholes)1 : (wholes)0;
-        march_cross(&ray, there);
 #ifdef CUTOFF
-        if (++steps % CUTOFF == 0) {
-            reals depth = guard[0] * there;
+        steps += TOGETHER;
+        if (steps % CUTOFF == 0) {
+            reals depth = guard[0] * ray.here;
             UNROLLED
             for (int k = 0; k < MOMENTS; ++k) depth += guard[k + 1] * m[k];
-            const wholes over = (depth * ray.metres > cutoff) & (there < ray.end);
-            ray.end = over ? there : ray.end;
+            const wholes over = (depth * ray.metres > cutoff) & (ray.here < ray.end);
+            ray.end = over ? ray.here : ray.end;
             ended = over ? over : ended;
         }
 #endif

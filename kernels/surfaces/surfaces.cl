@@ -198,6 +198,14 @@ __kernel void surfaces(__constant frame *camera, int width, int height, wide max
 }
 
 #ifdef OUTGOING
+// The last part of a way, in which only the surface is met that it leads to: more than rounding
+// moves that surface.
+#ifdef WIDE
+#define SAME_SURFACE 1e-9
+#else
+#define SAME_SURFACE 1e-5
+#endif
+
 // The way from the transmitter, the frame's origin, to what each camera ray met: its `end` (1, or 0
 // where nothing was met or something stands between), and its `length` in metres, which is also the
 // stretch of its parameter.
@@ -213,7 +221,7 @@ __kernel void outgoing(__constant frame *transmitter, int width, int height, __c
     const point d = follow_direction(transmitter, width, height, ray, reach[slot]);
     const wide norm = sqrt(d.x * d.x + d.y * d.y + d.z * d.z);
     // The point itself lies at 1: what is met just before it is the surface that it lies on.
-    hit nearest = {1 - (wide)1e-9, BACKGROUND, 0, 0};
+    hit nearest = {1 - (wide)SAME_SURFACE, BACKGROUND, 0, 0};
     meet_all(&all, transmitter->origin, d, norm, &nearest);
     int lit = surface[slot] != BACKGROUND && nearest.surface == BACKGROUND;
 #ifdef BILLBOARDS

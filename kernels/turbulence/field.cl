@@ -2,35 +2,20 @@
 // counter-based: Philox 4x32-10 (Salmon et al. 2011) keyed by the seed and counted by the wave
 // vector, so the field depends on nothing else.
 //
-// Option: TWO_FIELDS is 1 where two fields (humidity and temperature) are made at once, else 0.
+// Option: TWO_FIELDS where two fields (humidity and temperature) are made at once.
 
 typedef VECTOR(uint) uints;
 typedef VECTOR(int) ints;
 typedef VECTOR(float) floats;
 #define TO_FLOATS(x) VECTOR(convert_float)(x)
 
-// Returns the low word of a product of 32 bits by 32, and its high word in `high`. In PoCL mul_hi
-// is a function call, which sends every vector around it to memory and back.
-static inline uints product(uint a, uints b, uints *high)
-{
-#if LANES == 8
-    const uint8 one = as_uint8(as_ulong4((uint8)(b.s0, 0, b.s1, 0, b.s2, 0, b.s3, 0)) * (ulong)a);
-    const uint8 two = as_uint8(as_ulong4((uint8)(b.s4, 0, b.s5, 0, b.s6, 0, b.s7, 0)) * (ulong)a);
-    *high = (uint8)(one.odd, two.odd);
-    return (uint8)(one.even, two.even);
-#else
-    *high = mul_hi((uints)a, b);
-    return a * b;
-#endif
-}
-
 // Philox 4x32-10: replaces the four words of each lane's counter by four random words.
 static void philox(uints *c0, uints *c1, uints *c2, uints *c3, uint2 key)
 {
     for (int round = 0; round < 10; ++round) {
         uints high0, high1;
-        const uints low0 = product(0xD2511F53u, *c0, &high0),
-                    low1 = product(0xCD9E8D57u, *c2, &high1);
+        const uints low0 = PRODUCT(0xD2511F53u, *c0, &high0),
+                    low1 = PRODUCT(0xCD9E8D57u, *c2, &high1);
         *c0 = high1 ^ *c1 ^ key.x;
         *c2 = high0 ^ *c3 ^ key.y;
         *c1 = low1;
@@ -55,14 +40,15 @@ static void normals(uints a, uints b, floats *one, floats *other)
 
 // White noise times sqrt(Psi dxi^3): the spectra H1, H2 of two independent real fields, with
 // H(-k) = conj(H(k)). Each part has variance 1/2, or 1 where k is its own mirror image. For one
-// field (TWO_FIELDS 0) the half x = 0 ... n/2 of H1 is written, for a real transform. For two, all
-// of a = H1 + i H2 is written, whose inverse transform holds one field in its real part and one in
-// its imaginary part; the parts of a itself have unit variance. `amplitude` is a table over the
-// squared wave number, which is a whole number on a cubic grid.
+// field the half x = 0 ... n/2 of H1 is written, for a real transform. For two, all of
+// a = H1 + i H2 is written, whose inverse transform holds one field in its real part and one in its
+// imaginary part; the parts of a itself have unit variance. `amplitude` is a table over the squared
+// wave number, which is a whole number on a cubic grid. Work-items past a row's end do nothing.
 __kernel void spectrum(__global float2 *restrict out, __global const float *restrict amplitude,
                        int n, uint2 seed, uint stream)
 {
     const int row = get_global_id(0) * LANES, ky = get_global_id(1), kz = get_global_id(2);
+    if (row > n / 2) return;
     const int mirror_y = (n - ky) & (n - 1), mirror_z = (n - kz) & (n - 1);
     const int y = SMALLER(ky, mirror_y), z = SMALLER(kz, mirror_z);
     const ints kx = row + LANE_NUMBERS;
@@ -83,7 +69,7 @@ __kernel void spectrum(__global float2 *restrict out, __global const float *rest
     const floats sine = real_only ? (floats)0.0f : part * sign;
     floats re1, im1, re2 = 0, im2 = 0;
     normals(c0, c1, &re1, &im1);
-#if TWO_FIELDS
+#ifdef TWO_FIELDS
     normals(c2, c3, &re2, &im2);
 #endif
     float h1_re[LANES], h1_im[LANES], h2_re[LANES], h2_im[LANES];
@@ -94,7 +80,7 @@ __kernel void spectrum(__global float2 *restrict out, __global const float *rest
     for (int lane = 0; lane < LANES && row + lane <= n / 2; ++lane) {
         const int x = row + lane;
         const float a = amplitude[x * x + y * y + z * z];
-#if TWO_FIELDS
+#ifdef TWO_FIELDS
         out[((size_t)kz * n + ky) * n + x] =
             a * (float2)(h1_re[lane] - h2_im[lane], h1_im[lane] + h2_re[lane]);
         if (0 < x && x < n / 2)
@@ -143,7 +129,7 @@ __kernel void humidity(__global float *restrict field, float scale, float shift)
     STORE(shift > 0 ? expm1(g - shift) : g < -1.0f ? (floats)-1.0f : g, at);
 }
 
-#if TWO_FIELDS
+#ifdef TWO_FIELDS
 // Takes a complex cube apart into its real and its imaginary part.
 __kernel void parts(__global const float2 *restrict both, __global float *restrict one,
                     __global float *restrict other)

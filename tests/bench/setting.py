@@ -34,9 +34,9 @@ CHECKED = 4096  # rays followed again in float64, from which errors are measured
 class OneLane(Device):
     """The same kernels with one work-item a pixel, as they are written for a GPU."""
 
-    def lanes(self, precision: str) -> int:
+    def lanes(self, precision: str, *, gathers: bool = False) -> int:
         """Returns 1: one ray to a work-item."""
-        del precision
+        del precision, gathers
         return 1
 
 

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import os
 import shutil
-from pathlib import Path
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 from thzcl.errors import DONE, NO_DEVICE, DeviceError, PluginError
+
+if TYPE_CHECKING:
+    from thzcl.plugins.loader import Hook
 
 
 class Finding(NamedTuple):
@@ -22,17 +24,16 @@ def doctor() -> int:
     """Look for what is missing on this machine, and name the command that mends it."""
     from thzcl.commands.tables import Column, Table, show
 
-    findings = [_cache(), _linker(), *_devices(), *_sensors()]
+    findings = [_cache(), _linker(), *_devices(), *_plugins()]
     rows = tuple((one.subject, "fine" if one.fine else "AMISS", one.text) for one in findings)
     show(Table("", (Column(""), Column(""), Column("")), rows))
     return DONE if all(finding.fine for finding in findings) else NO_DEVICE
 
 
 def _cache() -> Finding:
-    folder = Path(
-        os.environ.get("POCL_CACHE_DIR")
-        or Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "pocl"
-    )
+    from thzcl.device import pocl
+
+    folder = pocl.kernel_cache()
     above = next(path for path in (folder, *folder.parents) if path.exists())
     subject = "PoCL's kernel cache"
     if above.is_dir() and os.access(above, os.W_OK):
@@ -53,7 +54,7 @@ def _linker() -> Finding:
 
 
 def _devices() -> list[Finding]:
-    from thzcl.device.choose import devices, open_device
+    from thzcl.device.choose import chosen, devices, open_device
 
     found = devices()
     if not found:
@@ -67,30 +68,42 @@ def _devices() -> list[Finding]:
         )
         return [Finding("devices", False, text)]
     names = "; ".join(f"{info.number}: {info.name} ({info.platform})" for info in found)
-    seen = Finding("devices", True, names)
+    taken = (
+        f"{chosen(found).number}, if --device names no other: the newest PoCL's CPU comes first, "
+        "and a GPU is never chosen by default where there is a CPU"
+    )
+    seen = [Finding("devices", True, names), Finding("default device", True, taken)]
     try:
         info = open_device().info
     except DeviceError as error:
-        return [seen, Finding("first kernel", False, str(error))]
-    return [seen, Finding("first kernel", True, f"built and run on {info.name}, {info.driver}")]
+        return [*seen, Finding("first kernel", False, str(error))]
+    return [*seen, Finding("first kernel", True, f"built and run on {info.description}")]
 
 
-def _sensors() -> list[Finding]:
+def _plugins() -> list[Finding]:
+    from thzcl.air.constituents import HOOK as CONSTITUENTS
+    from thzcl.scenario.sensors import HOOK as SENSORS
+
+    return [finding for hook in (SENSORS, CONSTITUENTS) for finding in _of_kind(hook)]
+
+
+def _of_kind(hook: Hook) -> list[Finding]:
+    """Returns what is wrong with plugins of a kind, or else their names."""
     from thzcl.plugins.loader import load, origins
-    from thzcl.scenario.sensors import HOOK
 
-    known = origins(HOOK)
+    known = origins(hook)
     findings = []
     for origin in known:
         try:
-            load(HOOK, origin)
+            load(hook, origin)
         except PluginError as error:
             mend = f"pip uninstall {origin.distribution}, or update it"
-            findings.append(Finding(f"sensor {origin.name}", False, f"{error}; mend: {mend}"))
+            subject = f"{hook.word} {origin.name}"
+            findings.append(Finding(subject, False, f"{error}; mend: {mend}"))
     for name in sorted({origin.name for origin in known}):
         owners = [origin.distribution for origin in known if origin.name == name]
         if len(owners) > 1:
             text = f"claimed by {' and '.join(owners)}; mend: pip uninstall {owners[-1]}"
-            findings.append(Finding(f"sensor {name}", False, text))
+            findings.append(Finding(f"{hook.word} {name}", False, text))
     names = ", ".join(origin.name for origin in known)
-    return findings or [Finding("sensors", True, names)]
+    return findings or [Finding(f"{hook.word}s", True, names)]

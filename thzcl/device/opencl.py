@@ -1,68 +1,29 @@
-"""An OpenCL device, its buffers and its kernels. No other module imports pyopencl."""
+"""An OpenCL device, its buffers and its kernels."""
 
 from __future__ import annotations
 
-import os
+import math
 import warnings
-from collections.abc import Sequence
+from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-from thzcl.device import cache, pocl, transform
+from thzcl.device import cache, pocl, signature, transform
+from thzcl.device.binding import cl
+from thzcl.device.info import DeviceInfo
+from thzcl.device.kernels import Kernels, text_of
 from thzcl.device.memory import available_memory
 from thzcl.errors import DeviceError
 
-if not cache.can_be_written():
-    os.environ.setdefault("PYOPENCL_NO_CACHE", "1")  # where it cannot write, pyopencl breaks down
-import pyopencl as cl
-
-KERNELS = Path(__file__).parents[1] / "kernels"
-if not KERNELS.is_dir():  # straight from a checkout
-    KERNELS = Path(__file__).parents[2] / "kernels"
-
-GROUP = 16  # work-items in a group, always: few enough that little is padded
+# Work-items in a group: on a processor few enough that little is padded, on a GPU as many as its
+# units take at once.
+GROUP, GPU_GROUP = 16, 64
+VECTOR_BITS = 256  # of a packet on a processor
 _ALIGNMENT = 128  # bytes
-
-
-@dataclass(frozen=True)
-class DeviceInfo:
-    """A device that OpenCL sees."""
-
-    number: int
-    platform: str
-    name: str
-    kind: str  # CPU, GPU or other
-    driver: str
-    memory_bytes: int
-
-
-def raw_devices() -> list[tuple[Any, DeviceInfo]]:
-    """Returns every device of every platform, in OpenCL's order, with what is known of it."""
-    pocl.set_environment()
-    try:
-        found = [device for platform in cl.get_platforms() for device in platform.get_devices()]
-    except cl.Error:  # to OpenCL it is an error that there is no platform
-        return []
-    return [(device, _info(number, device)) for number, device in enumerate(found)]
-
-
-def _info(number: int, device: Any) -> DeviceInfo:
-    kinds = {cl.device_type.CPU: "CPU", cl.device_type.GPU: "GPU"}
-    platform, version = device.platform, device.driver_version
-    driver = " ".join(platform.version.partition(",")[0].removesuffix(version).split())
-    return DeviceInfo(
-        number=number,
-        platform=platform.name,
-        name=device.name.strip(),
-        kind=next((name for flag, name in kinds.items() if device.type & flag), "other"),
-        driver=f"{driver} {version}",
-        memory_bytes=device.global_mem_size,
-    )
 
 
 @dataclass
@@ -132,11 +93,21 @@ class Buffer:
 
 
 class Program:
-    """Built kernels."""
+    """Built kernels, each of whose work-items takes `lanes` rays."""
 
-    def __init__(self, device: Device, program: Any) -> None:
+    def __init__(
+        self,
+        device: Device,
+        program: Any,
+        parameters: Mapping[str, tuple[signature.Parameter, ...]],
+        types: Mapping[str, np.dtype[Any]],
+        lanes: int = 1,
+    ) -> None:
+        self.lanes = lanes
         self._device = device
         self._program = program
+        self._parameters = parameters
+        self._types = types
         self._kernels: dict[str, Any] = {}
 
     @property
@@ -144,30 +115,43 @@ class Program:
         """The program as its device can load it again; PoCL links its kernels for that."""
         return bytes(self._program.get_info(cl.program_info.BINARIES)[0])
 
-    def run(self, name: str, size: int | tuple[int, int, int], *arguments: Any) -> None:
-        """Enqueues a kernel over `size` work-items, a multiple of 16.
+    def run(self, kernel: str, size: int | tuple[int, int, int], /, **arguments: Any) -> None:
+        """Enqueues a kernel over `size` work-items, with arguments by the names in its source.
 
-        With three dimensions it is a multiple of 16 along y. Buffers and NumPy scalars are passed
-        as they are, None as a null pointer.
+        Of three sizes the first may be padded: the kernel must do nothing past it.
+        A pointer takes a buffer, or None for a null pointer; any other parameter takes a number,
+        which is converted to its type. Raises TypeError if a name is missing or unknown, or a
+        buffer holds numbers of another type.
         """
-        if name not in self._kernels:
-            self._kernels[name] = cl.Kernel(self._program, name)
-        kernel = self._kernels[name]
-        buffers = [argument for argument in arguments if isinstance(argument, Buffer)]
-        for position, argument in enumerate(arguments):
-            kernel.set_arg(position, argument.memory if isinstance(argument, Buffer) else argument)
-        self._device.in_use.extend(buffers)
+        parameters = self._parameters[kernel]
+        signature.check(kernel, parameters, arguments)
+        if kernel not in self._kernels:
+            self._kernels[kernel] = cl.Kernel(self._program, kernel)
+        built = self._kernels[kernel]
+        for position, parameter in enumerate(parameters):
+            built.set_arg(position, self._raw(kernel, parameter, arguments[parameter.name]))
+        self._device.in_use += [one for one in arguments.values() if isinstance(one, Buffer)]
         self._device.counters.launches += 1
-        extent, group = ((size,), (GROUP,)) if isinstance(size, int) else (size, (1, GROUP, 1))
-        cl.enqueue_nd_range_kernel(self._device.queue, kernel, extent, group)
+        extent, group = self._device.grouped((size,) if isinstance(size, int) else size)
+        cl.enqueue_nd_range_kernel(self._device.queue, built, extent, group)
+
+    def _raw(self, kernel: str, parameter: signature.Parameter, value: Any) -> Any:
+        """Returns an argument as OpenCL takes it."""
+        dtype = self._types.get(parameter.type)
+        if not parameter.pointer:
+            return value if dtype is None else dtype.type(value)
+        if value is None:
+            return None
+        if dtype is not None and value.dtype != dtype:
+            raise TypeError(f"{parameter.name} of the kernel {kernel}: {value.dtype}, not {dtype}")
+        return value.memory
 
 
 class _Recipe(NamedTuple):
     """What a program is built from."""
 
-    files: tuple[str, ...]
+    kernels: Kernels
     precision: str
-    options: tuple[str, ...]
 
 
 class Device:
@@ -178,7 +162,9 @@ class Device:
         self.context = cl.Context([device])
         self.queue = cl.CommandQueue(self.context)
         self.in_place = info.kind == "CPU" and bool(device.host_unified_memory)
+        self.pocl = info.platform == pocl.PLATFORM
         self.float64 = bool(device.double_fp_config)
+        self.group = GPU_GROUP if info.kind == "GPU" else GROUP
         self.largest_buffer = int(device.max_mem_alloc_size)
         # Kernels that are not known to have ended use these: their memory must outlast them.
         self.in_use: list[Buffer] = []
@@ -195,7 +181,7 @@ class Device:
     def build_options(self) -> list[str]:
         """Every program built so far, with its options."""
         return [
-            f"{'+'.join(recipe.files)}: {' '.join(self._options(recipe))}"
+            f"{'+'.join(recipe.kernels.files)}: {' '.join(self._options(recipe))}"
             for recipe in self._programs
         ]
 
@@ -204,9 +190,31 @@ class Device:
         """The type in which rays start."""
         return np.dtype(np.float64 if self.float64 else np.float32)
 
-    def lanes(self, precision: str) -> int:
-        """Returns how many rays a work-item takes."""
-        return pocl.lanes(precision) if self.info.kind == "CPU" else 1
+    def lanes(self, precision: str, *, gathers: bool = False) -> int:
+        """Returns how many rays a work-item takes: more of those that mostly gather, at times."""
+        if self.info.kind != "CPU":
+            return 1
+        wider = gathers and self.pocl and precision == "float32"
+        bits = max(VECTOR_BITS, pocl.gather_bits()) if wider else VECTOR_BITS
+        return bits // _bits(precision)
+
+    def padded(self, rays: int, precision: str) -> int:
+        """Returns how many places rays take in whole groups of the longest packets."""
+        packets = self.lanes(precision, gathers=True) * self.group
+        return -(-rays // packets) * packets
+
+    def grouped(self, size: tuple[int, ...]) -> tuple[tuple[int, ...], tuple[int, ...]]:
+        """Returns how many work-items there are along each dimension, and how many in a group.
+
+        Of three dimensions, a group lies along the first on a GPU, where neighbours are to write
+        beside each other, and elsewhere along the second, since the first is short in packets.
+        """
+        if len(size) == 1:
+            return size, (math.gcd(size[0], self.group),)
+        if self.info.kind == "GPU":
+            groups = -(-size[0] // self.group)
+            return (groups * self.group, *size[1:]), (self.group, 1, 1)
+        return size, (1, math.gcd(size[1], self.group), 1)
 
     def empty(self, shape: tuple[int, ...], dtype: DTypeLike) -> Buffer:
         """Returns memory that holds nothing in particular."""
@@ -221,18 +229,26 @@ class Device:
         self.queue.finish()
         self.in_use.clear()
 
-    def build(self, files: Sequence[str], precision: str, options: Sequence[str] = ()) -> Program:
-        """Returns the kernels of some files behind device/lanes.cl, in that order.
+    @property
+    def headers(self) -> tuple[str, ...]:
+        """The kernel files that every program begins with."""
+        return ("device/lanes", *((pocl.HEADER,) if self.pocl else ()))
 
-        `precision` is "float32" or "float64"; an option is a name or NAME=value. A program that
-        was built before, here or in an earlier run, is not built again.
+    def build(self, kernels: Kernels, precision: str) -> Program:
+        """Returns a family of kernels, with reals of "float32" or "float64".
+
+        A program that was built before, here or in an earlier run, is not built again. Raises
+        DeviceError if the device has no float64 where that is asked for.
         """
-        recipe = _Recipe(tuple(files), precision, tuple(options))
+        if precision == "float64" and not self.float64:
+            raise DeviceError(
+                f"{self.info.name} cannot compute in float64; "
+                'set numerics.precision = "float32", or choose another device'
+            )
+        recipe = _Recipe(kernels, precision)
         if recipe not in self._programs:
             self.counters.programs += 1
-            source = "".join(map(_text_of, ("device/lanes", *recipe.files)))
-            arguments = [f"-D{option}" for option in self._options(recipe)]
-            self._programs[recipe] = self._load_or_compile(source, arguments)
+            self._programs[recipe] = self._load_or_compile(recipe)
         return self._programs[recipe]
 
     def compile(self, source: str, arguments: list[str]) -> Program:
@@ -240,8 +256,13 @@ class Device:
 
         Raises DeviceError if the device's compiler refuses them.
         """
+        types = {"int": np.dtype(np.int32)}
+        return Program(self, self._compiled(source, arguments), signature.signatures(source), types)
+
+    def _compiled(self, source: str, arguments: list[str]) -> Any:
+        """Returns an OpenCL program. Raises DeviceError if the compiler refuses it."""
         try:
-            return Program(self, _built(cl.Program(self.context, source), arguments))
+            return _built(cl.Program(self.context, source), arguments)
         except cl.Error as error:
             reason = str(error).strip().partition("\n")[0]
             raise DeviceError(
@@ -250,27 +271,49 @@ class Device:
 
     def _options(self, recipe: _Recipe) -> list[str]:
         """Returns the options that every program has, and the program's own."""
-        lanes, bits = self.lanes(recipe.precision), recipe.precision.removeprefix("float")
+        lanes = self.lanes(recipe.precision, gathers=recipe.kernels.gathers)
         wide = ["WIDE"] if self.float64 else []
-        return [f"LANES={lanes}", f"PRECISION={bits}", *wide, *recipe.options]
+        gathers = ["GATHERS"] if self.pocl and pocl.gather_bits() else []
+        always = [f"LANES={lanes}", f"PRECISION={_bits(recipe.precision)}", *wide, *gathers]
+        return [*always, *recipe.kernels.options()]
 
-    def _load_or_compile(self, source: str, arguments: list[str]) -> Program:
+    def _load_or_compile(self, recipe: _Recipe) -> Program:
         """Returns a program from an earlier run's binary, or else from its source.
 
-        A binary is a hundred times faster to load.
+        A binary is a hundred times faster to load. One without the program's kernels, as some
+        drivers make them, is passed over.
         """
+        source = "".join(map(text_of, (*self.headers, *recipe.kernels.files)))
+        arguments = [f"-D{option}" for option in self._options(recipe)]
+        parameters = signature.signatures(source)
         info, name = self.info, pocl.known_name()
         version = self.context.devices[0].platform.version
         identity = [source, *arguments, info.platform, version, info.driver, info.name, name]
         path = cache.entry("programs", identity)
-        binary = cache.load(path)
-        if binary is not None:
-            with suppress(cl.Error):
-                loaded = cl.Program(self.context, self.context.devices, [binary])
-                return Program(self, _built(loaded, []))
-        compiled = self.compile(source, arguments)
-        cache.keep(path, compiled.binary)
-        return compiled
+        built = self._loaded(cache.load(path))
+        names = set() if built is None else set(built.kernel_names.split(";"))
+        fresh = built is None or not names or not names <= parameters.keys()
+        if fresh:
+            built = self._compiled(source, arguments)
+        lanes = self.lanes(recipe.precision, gathers=recipe.kernels.gathers)
+        program = Program(self, built, parameters, self._types(recipe.precision), lanes)
+        if fresh:
+            cache.keep(path, program.binary)
+        return program
+
+    def _loaded(self, binary: bytes | None) -> Any:
+        """Returns the program of an earlier run's binary; None without one that can be built."""
+        if binary is None:
+            return None
+        with suppress(cl.Error):
+            return _built(cl.Program(self.context, self.context.devices, [binary]), [])
+        return None
+
+    def _types(self, precision: str) -> dict[str, np.dtype[Any]]:
+        """Returns the types of numbers, by their names in kernels."""
+        plain = {"char": "int8", "int": "int32", "uint": "uint32", "float": "float32"}
+        named = plain | {"float2": "complex64", "real": precision, "wide": str(self.wide)}
+        return {name: np.dtype(dtype) for name, dtype in named.items()}
 
     @property
     def usual_library(self) -> str:
@@ -293,14 +336,13 @@ class Device:
         return spectrum.fill(result) if spectrum.shape[2] == grid else self.put(result)
 
 
-def _text_of(name: str) -> str:
-    """Returns the text of a kernel file, under a line that names it in compilers' messages."""
-    text = (KERNELS / f"{name}.cl").read_text(encoding="utf-8")
-    return f'#line 1 "{name}.cl"\n{text}\n'
+def _bits(precision: str) -> int:
+    """Returns the bits of a number of a precision."""
+    return int(precision.removeprefix("float"))
 
 
 def _built(program: Any, arguments: list[str]) -> Any:
     """Builds a program without its compiler's or driver's remarks; errors are raised."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        return program.build(arguments)
+        return program.build(arguments, cache_dir=False)  # ours is checked, and does for all

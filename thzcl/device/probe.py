@@ -14,23 +14,23 @@ from pathlib import Path
 
 import numpy as np
 
-from thzcl.device import cache, linker, opencl, pocl
+from thzcl.device import cache, info, linker, opencl, pocl
 from thzcl.errors import DeviceError
 
 PROVED = "a first kernel was built and run"
 KERNEL = "__kernel void probe(__global int *a) { a[get_global_id(0)] = 1; }"
 
 
-def prove(info: opencl.DeviceInfo) -> None:
+def prove(device: info.DeviceInfo) -> None:
     """Has a child build and run a first kernel, if none did with this driver and linker.
 
     Raises DeviceError if the child cannot, for PoCL would take this process down too.
     """
-    driver = f"{info.platform} {info.driver} {info.name}"
+    driver = f"{device.platform} {device.driver} {device.name}"
     mark = cache.entry("probed", (driver, linker.identity(), sys.prefix))
     if mark.exists():
         return
-    said = [line.strip() for line in _child(info.number).splitlines() if line.strip()]
+    said = [line.strip() for line in _child(device.number).splitlines() if line.strip()]
     if PROVED not in said:
         last = f" (it said: {said[-1][:200]})" if said else ""
         raise DeviceError(
@@ -61,11 +61,11 @@ def _child(number: int) -> str:
 
 def _build_and_run(number: int) -> None:
     """Builds and runs the kernel on the device of that number; PoCL may end the process."""
-    raw, info = opencl.raw_devices()[number]
+    raw, known = info.raw_devices()[number]
     pocl.give_name(raw)
-    device = opencl.Device(raw, info)
+    device = opencl.Device(raw, known)
     answer = device.put(np.zeros(opencl.GROUP, np.int32))
-    device.compile(KERNEL, []).run("probe", opencl.GROUP, answer)
+    device.compile(KERNEL, []).run("probe", opencl.GROUP, a=answer)
     if not answer.host().all():
         raise SystemExit("a kernel ran, but what it computed is wrong")
     print(PROVED, flush=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from typing import Any
 
 from numpy.typing import NDArray
@@ -27,17 +28,25 @@ class OnDevice:
     """Transforms of full spectra in a device's memory; each shape and type is compiled once."""
 
     def __init__(self, queue: Any) -> None:
-        from reikna.cluda import ocl_api
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # reikna's templates are of an older Python
+            from reikna.cluda import ocl_api
 
         self._thread = ocl_api().Thread(queue)
         self._compiled: dict[tuple[tuple[int, ...], str], Any] = {}
 
     def run(self, memory: Any, shape: tuple[int, ...], dtype: Any) -> None:
         """Replaces the spectrum in an OpenCL buffer by its inverse transform, over grid^3."""
-        from reikna.fft import FFT
-
         cube = self._thread.array(shape, dtype, base=memory)
         key = (shape, str(dtype))
         if key not in self._compiled:
-            self._compiled[key] = FFT(cube).compile(self._thread)
+            self._compiled[key] = self._plan(cube)
         self._compiled[key](cube, cube, inverse=1)
+
+    def _plan(self, cube: Any) -> Any:
+        """Returns the compiled transform of cubes like this, without a driver's remarks on it."""
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            from reikna.fft import FFT
+
+            return FFT(cube).compile(self._thread)

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from thzcl.air.expansion import Span
+from thzcl.air.mean import Span
 from thzcl.device.opencl import Device
 from thzcl.error import twin
 from thzcl.error.twin import Path

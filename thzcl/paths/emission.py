@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from thzcl.air import radiometry
 from thzcl.air.expansion import Expansion
 from thzcl.device.opencl import Buffer, Device
-from thzcl.paths.trace import Medium, changed_ends, march_options, placed
+from thzcl.paths.trace import MarchKernels, Medium, changed_ends, march_options, placed
 from thzcl.surfaces.ends import RayEnds
 from thzcl.surfaces.radiance import Sources
 
@@ -23,13 +23,27 @@ Array = NDArray[np.float64]
 AT_ONCE = 8  # frequencies that one pass carries
 THIN = 1 / 8  # depth of a voxel up to which a series replaces the exponential
 PLANCK_NODES = 16  # temperatures at which Planck's law is fitted
-KERNELS = (
-    "surfaces/camera",
-    "paths/march",
-    "surfaces/source",
-    "paths/attenuate",
-    "paths/emission",
-)
+
+
+@dataclass(frozen=True)
+class EmissionKernels(MarchKernels):
+    """The kernel that sums up depth and radiance, with the sizes of its polynomials."""
+
+    files: ClassVar = (
+        "surfaces/camera",
+        "paths/march",
+        "surfaces/source",
+        "paths/attenuate",
+        "paths/emission",
+    )
+
+    frequencies: int
+    humidity_powers: int
+    temperature_powers: int
+    planck_powers: int
+    counts: tuple[int, ...]
+    thin: bool
+    billboards: bool
 
 
 @dataclass(frozen=True)
@@ -123,46 +137,47 @@ def _emission_pass(
     precision: str,
 ) -> tuple[Buffer, Buffer]:
     """Returns depth and contrast at the frequencies of some tables, both (frequency, ray)."""
-    program = device.build(KERNELS, precision, _options(ends, medium, tables, cutoff))
+    program = device.build(_kernels(ends, medium, tables, cutoff), precision)
     shape = len(tables.coefficients), ends.rays
     depth, contrast = (device.empty(shape, precision) for _ in range(2))
-    segments = device.empty((ends.rays // device.lanes(precision),), np.int32)
+    segments = device.empty((ends.rays // program.lanes,), np.int32)
+    path_length, surface = own_ends
     program.run(
         "emission",
         len(segments),
-        medium.field.delta,
-        medium.field.offset,
-        *placed(device, ends, medium, ends.followed),
-        *own_ends,
-        device.put(tables.coefficients, precision),
-        device.put(tables.planck, precision),
-        device.put(tables.sources, precision),
-        ends.blend,
-        np.dtype(precision).type(cutoff or np.inf),
-        segments,
-        depth,
-        contrast,
+        delta=medium.field.delta,
+        offset=medium.field.offset,
+        **placed(device, ends, medium, ends.followed),
+        path_length=path_length,
+        surface=surface,
+        coefficients=device.put(tables.coefficients, precision),
+        planck=device.put(tables.planck, precision),
+        emitted=device.put(tables.sources, precision),
+        blend=ends.blend,
+        cutoff=cutoff or np.inf,
+        segments=segments,
+        depth_out=depth,
+        contrast_out=contrast,
     )
     device.counters.segments += int(segments.host().sum(dtype=np.int64))
     return depth, contrast
 
 
-def _options(ends: RayEnds, medium: Medium, tables: Emitting, cutoff: float | None) -> list[str]:
-    """Returns the build options of an emission pass."""
-    (count, powers_d, powers_t), powers_b = tables.coefficients.shape, tables.planck.shape[1]
-    options = march_options(
-        cutoff,
-        ends,
-        medium,
-        FREQUENCIES=count,
-        HUMIDITY_POWERS=powers_d,
-        TEMPERATURE_POWERS=powers_t,
-        PLANCK_POWERS=powers_b,
+def _kernels(
+    ends: RayEnds, medium: Medium, tables: Emitting, cutoff: float | None
+) -> EmissionKernels:
+    """Returns the kernel of an emission pass with its options."""
+    frequencies, humidity_powers, temperature_powers = tables.coefficients.shape
+    return EmissionKernels(
+        **march_options(cutoff, ends, medium),
+        frequencies=frequencies,
+        humidity_powers=humidity_powers,
+        temperature_powers=temperature_powers,
+        planck_powers=tables.planck.shape[1],
+        counts=tables.counts,
+        thin=tables.densest * medium.field.voxel_m * math.sqrt(3) <= THIN,
+        billboards=len(ends.blend) > 1,
     )
-    options += [f"COUNTS={','.join(map(str, tables.counts))}"]
-    options += ["THIN"] if tables.densest * medium.field.voxel_m * math.sqrt(3) <= THIN else []
-    options += ["BILLBOARDS"] if len(ends.blend) > 1 else []
-    return options
 
 
 def _planck_powers(expansion: Expansion, span: tuple[float, float], precision: str) -> Array:

@@ -3,16 +3,28 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from thzcl.device.kernels import Kernels
 from thzcl.device.opencl import Buffer, Device, Program
 from thzcl.paths.trace import Paths
 
 Array = NDArray[np.float64]
 ROWS_APART = 64  # values between spectral rows: rows of a power of two would share cache lines
-KERNELS = ("surfaces/source", "paths/attenuate", "paths/shade")
+
+
+@dataclass(frozen=True)
+class ShadeKernels(Kernels):
+    """The kernels that shade paths; `bands` is the number of bands, or None without any."""
+
+    files: ClassVar = ("surfaces/source", "paths/attenuate", "paths/shade")
+
+    moments: int
+    billboards: bool
+    bands: int | None = None
 
 
 @dataclass(frozen=True)
@@ -39,14 +51,14 @@ def shade(
     depth, contrast = (device.empty((count, row), precision) for _ in range(2))
     program.run(
         "shade",
-        rays // device.lanes(precision),
-        *_shaded_paths(paths),
-        device.put(coefficients, precision),
-        device.put(sources, precision),
-        np.int32(count),
-        np.int32(row),
-        depth,
-        contrast,
+        rays // program.lanes,
+        **_shaded_paths(paths),
+        coefficients=device.put(coefficients, precision),
+        emitted=device.put(sources, precision),
+        frequencies=count,
+        row=row,
+        depth=depth,
+        contrast=contrast,
     )
     return Shaded(depth, contrast)
 
@@ -73,27 +85,31 @@ def shade_bands(
     depth, contrast = (device.empty((len(weights), rays), precision) for _ in range(2))
     program.run(
         "shade_bands",
-        rays // device.lanes(precision),
-        *_shaded_paths(paths),
-        device.put(thinnest, precision),
-        device.put(beyond, precision),
-        device.put(passing, precision),
-        device.put(weights[:, None, :] * sources, precision),
-        np.int32(len(coefficients)),
-        np.int32(len(sources)),
-        depth,
-        contrast,
+        rays // program.lanes,
+        **_shaded_paths(paths),
+        thinnest=device.put(thinnest, precision),
+        beyond=device.put(beyond, precision),
+        weights=device.put(passing, precision),
+        emitted=device.put(weights[:, None, :] * sources, precision),
+        frequencies=len(coefficients),
+        surfaces=len(sources),
+        depth=depth,
+        contrast=contrast,
     )
     return Shaded(depth, contrast)
 
 
-def _program(device: Device, paths: Paths, precision: str, bands: int = 0) -> Program:
+def _program(device: Device, paths: Paths, precision: str, bands: int | None = None) -> Program:
     """Returns the shading kernels for some number of moments, and of bands if there are any."""
-    options = [f"MOMENTS={len(paths.moments)}", *([f"BANDS={bands}"] if bands else [])]
-    options += ["BILLBOARDS"] if len(paths.blend) > 1 else []
-    return device.build(KERNELS, precision, options)
+    kernels = ShadeKernels(len(paths.moments), len(paths.blend) > 1, bands)
+    return device.build(kernels, precision)
 
 
-def _shaded_paths(paths: Paths) -> tuple[Buffer, ...]:
+def _shaded_paths(paths: Paths) -> dict[str, Any]:
     """Returns the kernel arguments that describe paths."""
-    return paths.path_length, paths.moments, paths.surface, paths.blend
+    return {
+        "path_length": paths.path_length,
+        "moments": paths.moments,
+        "surface": paths.surface,
+        "blend": paths.blend,
+    }

@@ -7,12 +7,13 @@ same target these means are interpolated bilinearly. Each ray keeps its own leng
 
 from __future__ import annotations
 
-from dataclasses import replace
-from typing import Any
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from thzcl.device.kernels import Kernels
 from thzcl.device.opencl import Buffer, Device
 from thzcl.paths import trace
 from thzcl.paths.trace import Guard, Medium, Paths
@@ -20,6 +21,15 @@ from thzcl.surfaces.camera import Raster
 from thzcl.surfaces.ends import RayEnds, follow, raster_size
 
 BETWEEN, ALONE = 0, 2  # kinds of rays, as in thinning.cl: interpolated, traced off the lattice
+
+
+@dataclass(frozen=True)
+class ThinningKernels(Kernels):
+    """The kernels that choose the rays to trace, and interpolate the others."""
+
+    files: ClassVar = ("paths/thinning",)
+
+    moments: int
 
 
 def trace_thinned(
@@ -57,17 +67,17 @@ def lattice_rays(raster: Raster, stride: int) -> NDArray[np.int64]:
 def _sift(device: Device, ends: RayEnds, stride: int, targets: NDArray[Any]) -> Buffer:
     """Returns the kind of each ray, (ray,) on the device: interpolated, lattice or alone."""
     precision = str(ends.stretch.dtype)
-    program = device.build(("paths/thinning",), precision, ["MOMENTS=1"])
+    program = device.build(ThinningKernels(1), precision)
     kind = device.empty((ends.rays,), np.int8)
     program.run(
         "sift",
-        ends.rays // device.lanes(precision),
-        *raster_size(ends.geometry),
-        np.int32(stride),
-        ends.surface,
-        ends.path_length,
-        device.put(targets, np.int32),
-        kind,
+        ends.rays // program.lanes,
+        **raster_size(ends.geometry),
+        stride=stride,
+        surface=ends.surface,
+        length=ends.path_length,
+        things=device.put(targets, np.int32),
+        kind=kind,
     )
     return kind
 
@@ -91,22 +101,22 @@ def _spread(
     slot = np.zeros(ends.rays, np.int32)
     slot[picked] = np.arange(len(picked))
     moments = device.empty((len(traced), ends.rays), precision)
-    program = device.build(("paths/thinning",), precision, [f"MOMENTS={len(traced)}"])
+    program = device.build(ThinningKernels(len(traced)), precision)
     program.run(
         "spread",
-        ends.rays // device.lanes(precision),
-        *raster_size(ends.geometry),
-        np.int32(stride),
-        kind,
-        device.put(slot),
-        device.put(means),
-        np.int32(-(-(ends.geometry.raster.columns - 1) // stride) + 1),
-        np.int32(lattice),
-        device.put(followed),
-        traced,
-        np.int32(traced.shape[1]),
-        paths.path_length,
-        paths.surface,
-        moments,
+        ends.rays // program.lanes,
+        **raster_size(ends.geometry),
+        stride=stride,
+        kind=kind,
+        slot=device.put(slot),
+        means=device.put(means),
+        lattice_width=-(-(ends.geometry.raster.columns - 1) // stride) + 1,
+        lattice=lattice,
+        kept=device.put(followed),
+        traced=traced,
+        padded=traced.shape[1],
+        path_length=paths.path_length,
+        surface=paths.surface,
+        moments=moments,
     )
     return replace(paths, moments=moments, interpolated=kind.host() == BETWEEN)

@@ -7,11 +7,12 @@ length, so that one trace serves all frequencies, all mean airs and all surface 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from thzcl.device.kernels import Kernels
 from thzcl.device.opencl import Buffer, Device
 from thzcl.graph import Values
 from thzcl.surfaces import geometry
@@ -20,6 +21,38 @@ from thzcl.turbulence.cube import Field
 
 Array = NDArray[np.float64]
 DEPTH_CHECKED_EVERY = 16  # voxels, where rays can reach the cut-off depth
+
+
+@dataclass(frozen=True)
+class MarchKernels(Kernels):
+    """Kernels that go from voxel to voxel, with the options that all of them have.
+
+    After each `cutoff` voxels a ray's depth is looked at; None if no ray ends before its surface.
+    """
+
+    gathers = True
+
+    cutoff: int | None
+    outgoing: bool
+    motion: bool
+
+
+@dataclass(frozen=True)
+class TraceKernels(MarchKernels):
+    """The kernel that sums up path moments from voxel to voxel."""
+
+    files: ClassVar = ("surfaces/camera", "paths/march", "paths/trace")
+
+    moments: int
+
+
+@dataclass(frozen=True)
+class StepKernels(Kernels):
+    """The kernel that sums up path moments by equal steps."""
+
+    files: ClassVar = ("surfaces/camera", "paths/steps")
+
+    moments: int
 
 
 @dataclass(frozen=True)
@@ -108,23 +141,23 @@ def trace(
     """
     some = followed or ends.followed
     path_length, surface = changed_ends(device, ends, guard)
-    options = march_options(guard, ends, medium, MOMENTS=moments)
-    program = device.build(("surfaces/camera", "paths/march", "paths/trace"), precision, options)
-    slots = some.padded(device, precision)
+    kernels = TraceKernels(**march_options(guard, ends, medium), moments=moments)
+    program = device.build(kernels, precision)
+    slots = device.padded(some.count, precision)
     out = device.empty((moments, slots), precision)
-    segments = device.empty((slots // device.lanes(precision),), np.int32)
+    segments = device.empty((slots // program.lanes,), np.int32)
     limit = guard or Guard((0.0,) * (moments + 1), np.inf)
     program.run(
         "trace",
         len(segments),
-        medium.field.delta,
-        *placed(device, ends, medium, some),
-        path_length,
-        surface,
-        out,
-        segments,
-        device.put(np.array(limit.coefficients), precision),
-        np.dtype(precision).type(limit.depth),
+        delta=medium.field.delta,
+        **placed(device, ends, medium, some),
+        path_length=path_length,
+        surface=surface,
+        moments=out,
+        segments=segments,
+        guard=device.put(np.array(limit.coefficients), precision),
+        cutoff=limit.depth,
     )
     device.counters.segments += int(segments.host().sum(dtype=np.int64))
     return Paths(path_length, surface, ends.blend, out, every_ray(ends))
@@ -159,24 +192,27 @@ def there_and_back(device: Device, back: Paths, out: Paths) -> Paths:
     return Paths(length, surface, back.blend, moments, interpolated, ways)
 
 
-def march_options(guard: object, ends: RayEnds, medium: Medium, **numbers: int) -> list[str]:
-    """Returns the build options of kernels that go from voxel to voxel."""
-    options = {
-        f"CUTOFF={DEPTH_CHECKED_EVERY}": guard,
-        "OUTGOING": ends.start is not None,
-        "MOTION": medium.time is not None,
+def march_options(guard: object, ends: RayEnds, medium: Medium) -> dict[str, Any]:
+    """Returns the options that all kernels have that go from voxel to voxel."""
+    return {
+        "cutoff": DEPTH_CHECKED_EVERY if guard else None,
+        "outgoing": ends.start is not None,
+        "motion": medium.time is not None,
     }
-    present = [name for name, there in options.items() if there]
-    return [*(f"{name}={value}" for name, value in numbers.items()), *present]
 
 
-def placed(device: Device, ends: RayEnds, medium: Medium, followed: Followed) -> tuple[object, ...]:
+def placed(device: Device, ends: RayEnds, medium: Medium, followed: Followed) -> dict[str, Any]:
     """Returns the kernel arguments that describe rays in the cube, and where they end."""
-    frame = device.put(medium.frame, device.wide)
-    log2n = np.int32(medium.field.grid.bit_length() - 1)
-    time = ends.reach if medium.time is None else medium.time
-    size = raster_size(ends.geometry)
-    return frame, *size, log2n, ends.reach, ends.end, time, ends.stretch, *ray_list(followed)
+    return {
+        "cube": device.put(medium.frame, device.wide),
+        **raster_size(ends.geometry),
+        "log2n": medium.field.grid.bit_length() - 1,
+        "reach": ends.reach,
+        "end": ends.end,
+        "time": ends.reach if medium.time is None else medium.time,
+        "stretch": ends.stretch,
+        **ray_list(followed),
+    }
 
 
 def changed_ends(device: Device, ends: RayEnds, guard: object) -> tuple[Buffer, Buffer]:
@@ -199,11 +235,14 @@ def trace_steps(
     A step takes its air from the voxel that holds its middle. It is for comparison with exact
     segments; no segments are counted.
     """
-    options = [f"MOMENTS={moments}"]
-    program = device.build(("surfaces/camera", "paths/steps"), precision, options)
+    program = device.build(StepKernels(moments), precision)
     out = device.empty((moments, ends.rays), precision)
-    step: Any = np.dtype(precision).type(step_m)
-    where = placed(device, ends, medium, ends.followed)
-    items = ends.rays // device.lanes(precision)
-    program.run("steps", items, medium.field.delta, *where, step, out)
+    program.run(
+        "steps",
+        ends.rays // program.lanes,
+        delta=medium.field.delta,
+        **placed(device, ends, medium, ends.followed),
+        step=step_m,
+        moments=out,
+    )
     return Paths(ends.path_length, ends.surface, ends.blend, out, every_ray(ends))

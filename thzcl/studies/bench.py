@@ -9,14 +9,16 @@ import statistics
 import subprocess
 import time
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
 
 import thzcl
 from thzcl import pipeline
 from thzcl.clock import Clock, Progress
+from thzcl.device.kernels import Kernels
 from thzcl.graph import Spec, everything
 from thzcl.paths.specs import EmissionSpec
 from thzcl.plan.plan import Plan
@@ -34,6 +36,20 @@ RAYS, VOXELS_A_RAY = 2**18, 256  # of the kernel that only gathers
 ABREAST = 64  # rays in one voxel: 8 pixels span 6 cm at the target, a voxel some 50
 RANDOM = (1664525, 1013904223)  # Numerical Recipes' generator
 FIELD_BYTES = 12  # a voxel: a half spectrum written and read, and the cube written; in float32
+
+
+@dataclass(frozen=True)
+class CopyKernels(Kernels):
+    """The kernel that only copies memory."""
+
+    files: ClassVar = ("device/roofline",)
+
+
+@dataclass(frozen=True)
+class GatherKernels(CopyKernels):
+    """The kernel that only gathers, in the packets of a trace and by the same instruction."""
+
+    gathers = True
 
 
 class Work(NamedTuple):
@@ -233,10 +249,10 @@ def _log2_voxels(cube: AnyField) -> int:
 
 def _bandwidth(device: Device, repeat: int) -> dict[str, Any]:
     """Returns the bytes that a copy reads and writes in a second."""
-    program = device.build(("device/roofline",), "float32")
+    program = device.build(CopyKernels(), "float32")
     one, other = (device.put(np.zeros(COPIED // 4, np.float32)) for _ in range(2))
-    size = COPIED // 4 // device.lanes("float32")
-    seconds = _timed(device, repeat, lambda: program.run("copy", size, one, other))
+    size, buffers = COPIED // 4 // program.lanes, {"from": one, "to": other}
+    seconds = _timed(device, repeat, lambda: program.run("copy", size, **buffers))
     return _row("memory-bandwidth", seconds, "bytes", 2 * COPIED)
 
 
@@ -248,13 +264,13 @@ def _gather(
     `way` holds factor and step from one voxel to the next, `abreast` is the number of rays in one.
     """
     precision = cube.precision
-    program = device.build(("device/roofline",), precision)
+    program = device.build(GatherKernels(), precision)
     voxels, out = device.put(np.zeros(cube.grid**3), precision), device.empty((RAYS,), precision)
-    factor, step = (np.uint32(number & 0xFFFFFFFF) for number in way)
-    numbers = np.int32(_log2_voxels(cube)), np.int32(abreast), factor, step, np.int32(VOXELS_A_RAY)
-    arguments = voxels, *numbers, out
-    size = RAYS // device.lanes(precision)
-    seconds = _timed(device, repeat, lambda: program.run("gather", size, *arguments))
+    factor, step = (number & 0xFFFFFFFF for number in way)
+    arguments = {"cube": voxels, "log2_voxels": _log2_voxels(cube), "abreast": abreast}
+    arguments |= {"factor": factor, "step": step, "count": VOXELS_A_RAY, "out": out}
+    size = RAYS // program.lanes
+    seconds = _timed(device, repeat, lambda: program.run("gather", size, **arguments))
     return _row(name, seconds, "voxels", RAYS * VOXELS_A_RAY)
 
 

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-from thzcl.device.opencl import GROUP, Buffer, Device
+from thzcl.device.kernels import Kernels
+from thzcl.device.opencl import Buffer, Device
 from thzcl.graph import LeftOut, Memory, Spec, Values, Work, frozen
 from thzcl.surfaces import geometry
 from thzcl.surfaces.geometry import Geometry, Things
@@ -22,16 +23,24 @@ _LEFT_OUT = {
 
 
 @dataclass(frozen=True)
+class SurfaceKernels(Kernels):
+    """The kernels that find where rays end, with the kinds of surfaces that there are."""
+
+    files: ClassVar = ("surfaces/camera", "surfaces/surfaces")
+
+    ground: bool
+    boxes: bool
+    billboards: bool
+    cosine: bool = False
+    outgoing: bool = False
+
+
+@dataclass(frozen=True)
 class Followed:
     """The rays of a raster that are followed: those of some `numbers`, or all if that is None."""
 
     count: int
     numbers: Buffer | None
-
-    def padded(self, device: Device, precision: str) -> int:
-        """Returns the number of rays, padded to whole groups of packets."""
-        packet = device.lanes(precision) * GROUP
-        return -(-self.count // packet) * packet
 
 
 def follow(device: Device, shape: Geometry, picked: NDArray[Any] | None = None) -> Followed:
@@ -171,9 +180,8 @@ def find_ends(
     `cosine` says whether the cosine between ray and surface normal is computed.
     """
     followed = follow(device, shape, picked)
-    padded = followed.padded(device, precision)
-    options = [*_kinds(shape.things), *(["COSINE"] if cosine else [])]
-    program = device.build(("surfaces/camera", "surfaces/surfaces"), precision, options)
+    padded = device.padded(followed.count, precision)
+    program = device.build(SurfaceKernels(**_kinds(shape.things), cosine=cosine), precision)
     textured = "billboards" in shape.things.kinds
     reach = device.empty((padded,), device.wide)
     stretch, path_length = (device.empty((padded,), precision) for _ in range(2))
@@ -184,17 +192,17 @@ def find_ends(
     program.run(
         "surfaces",
         padded,
-        device.put(geometry.world_frame(shape.frame.array), device.wide),
-        *raster_size(shape),
-        device.wide.type(shape.things.max_range_m),
-        *_things(device, shape.things),
-        *ray_list(followed),
-        reach,
-        stretch,
-        path_length,
-        surface,
-        blend,
-        slant,
+        camera=device.put(geometry.world_frame(shape.frame.array), device.wide),
+        **raster_size(shape),
+        max_range=shape.things.max_range_m,
+        **_things(device, shape.things),
+        **ray_list(followed),
+        reach=reach,
+        stretch=stretch,
+        path_length=path_length,
+        surface=surface,
+        blend=blend,
+        cosine=slant,
     )
     return RayEnds(shape, followed, reach, reach, stretch, path_length, surface, blend, slant)
 
@@ -207,8 +215,7 @@ def outgoing_ends(
     A way has no length if the ray meets no surface, or if another surface stands in the way.
     """
     shape = ends.geometry
-    options = [*_kinds(shape.things), "OUTGOING"]
-    program = device.build(("surfaces/camera", "surfaces/surfaces"), precision, options)
+    program = device.build(SurfaceKernels(**_kinds(shape.things), outgoing=True), precision)
     surface = device.put(ends.surface.host())
     end = device.empty((ends.rays,), device.wide)
     length = device.empty((ends.rays,), precision)
@@ -216,25 +223,25 @@ def outgoing_ends(
     program.run(
         "outgoing",
         ends.rays,
-        device.put(frame, device.wide),
-        *raster_size(shape),
-        *_things(device, shape.things),
-        *ray_list(ends.followed),
-        ends.reach,
-        surface,
-        end,
-        length,
+        transmitter=device.put(frame, device.wide),
+        **raster_size(shape),
+        **_things(device, shape.things),
+        **ray_list(ends.followed),
+        reach=ends.reach,
+        surface=surface,
+        end=end,
+        length=length,
     )
     unchanged = ends.blend, ends.cosine, transmitter_m
     return RayEnds(shape, ends.followed, ends.reach, end, length, length, surface, *unchanged)
 
 
-def _kinds(things: Things) -> list[str]:
-    """Returns the build options that name what can be met."""
-    return [kind.upper() for kind in things.kinds]
+def _kinds(things: Things) -> dict[str, bool]:
+    """Returns the kernels' options that say which kinds of surfaces there are."""
+    return {kind: kind in things.kinds for kind in _LEFT_OUT}
 
 
-def _things(device: Device, things: Things) -> tuple[object, ...]:
+def _things(device: Device, things: Things) -> dict[str, Any]:
     """Returns the kernel arguments that describe the things that rays can meet.
 
     A table without rows is passed as one row of zeros, which the kernel does not read.
@@ -243,22 +250,22 @@ def _things(device: Device, things: Things) -> tuple[object, ...]:
     def table(rows: Values, dtype: DTypeLike) -> Buffer:
         return device.put(rows.array if rows.data else np.zeros(8), dtype)
 
-    return (
-        table(things.boxes, device.wide),
-        table(things.stripes, np.int32),
-        np.int32(things.boxes.shape[0]),
-        table(things.billboards, device.wide),
-        table(things.textures, np.int32),
-        table(things.texels, np.float32),
-        np.int32(things.billboards.shape[0]),
-    )
+    return {
+        "boxes": table(things.boxes, device.wide),
+        "stripes": table(things.stripes, np.int32),
+        "box_count": things.boxes.shape[0],
+        "billboards": table(things.billboards, device.wide),
+        "textures": table(things.textures, np.int32),
+        "texels": table(things.texels, np.float32),
+        "billboard_count": things.billboards.shape[0],
+    }
 
 
-def raster_size(shape: Geometry) -> tuple[np.int32, np.int32]:
+def raster_size(shape: Geometry) -> dict[str, Any]:
     """Returns the kernel arguments for the columns and the rows of a raster."""
-    return np.int32(shape.raster.columns), np.int32(shape.raster.rows)
+    return {"width": shape.raster.columns, "height": shape.raster.rows}
 
 
-def ray_list(followed: Followed) -> tuple[Buffer | None, np.int32]:
+def ray_list(followed: Followed) -> dict[str, Any]:
     """Returns the kernel arguments for the rays that are followed, with no list if all are."""
-    return followed.numbers, np.int32(followed.count)
+    return {"picked": followed.numbers, "count": followed.count}

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 
 from thzcl import files
+from thzcl.device.kernels import Kernels
 from thzcl.device.opencl import Buffer, Device, Program
 from thzcl.errors import FileError
 from thzcl.turbulence import cube_file
@@ -16,6 +17,15 @@ from thzcl.turbulence.cube_file import CubeFile
 from thzcl.turbulence.spectra import Turbulence, spectral_amplitude
 
 Span = tuple[float, float]
+
+
+@dataclass(frozen=True)
+class FieldKernels(Kernels):
+    """The kernels that make random cubes; `two_fields` if one transform makes two of them."""
+
+    files: ClassVar = ("turbulence/field",)
+
+    two_fields: bool
 
 
 @dataclass(frozen=True)
@@ -57,7 +67,7 @@ def generate(
     Device.inverse_transform.
     """
     full = turbulence.temperature_fluctuates or library == "reikna" or not device.in_place
-    program = device.build(("turbulence/field",), "float32", (f"TWO_FIELDS={int(full)}",))
+    program = device.build(FieldKernels(full), "float32")
     humidity, second = _gaussians(device, program, turbulence, full, library)
     offset, temperature_span = None, (0.0, 0.0)
     if turbulence.temperature_fluctuates:
@@ -68,8 +78,8 @@ def generate(
     own = statistics(device, program, humidity).sigma if turbulence.exact else expected
     s = math.sqrt(math.log1p(turbulence.sigma**2)) if turbulence.lognormal else turbulence.sigma
     shift = s * s / 2 if turbulence.lognormal else 0.0
-    items = turbulence.grid**3 // device.lanes("float32")
-    program.run("humidity", items, humidity, np.float32(s / own), np.float32(shift))
+    items = turbulence.grid**3 // program.lanes
+    program.run("humidity", items, field=humidity, scale=s / own, shift=shift)
     span = statistics(device, program, humidity).span
     notes, span = _limit(humidity, span, ceiling)
     delta = _as_precise(device, humidity, precision)
@@ -83,14 +93,15 @@ def _warm(
 
     They are correlated with the first Gaussian, `humidity`, as the scene says.
     """
-    items = turbulence.grid**3 // device.lanes("float32")
+    items = turbulence.grid**3 // program.lanes
+    both = {"field": second, "other": humidity}
     along, across = turbulence.correlation, math.sqrt(1 - turbulence.correlation**2)
-    program.run("combine", items, second, humidity, np.float32(along), np.float32(across))
+    program.run("combine", items, **both, along=along, across=across)
     own = math.sqrt(turbulence.unit_variance)
     if turbulence.temperature_exact:
         own = statistics(device, program, second).sigma
-    kelvin = np.float32(turbulence.temperature_sigma_k / own)
-    program.run("combine", items, second, humidity, np.float32(0), kelvin)
+    kelvin = turbulence.temperature_sigma_k / own
+    program.run("combine", items, **both, along=0, across=kelvin)
     return statistics(device, program, second).span
 
 
@@ -104,13 +115,14 @@ def _gaussians(
     )
     seed = np.array((t.seed & 0xFFFFFFFF, t.seed >> 32), dtype=np.uint32)
     spectrum = device.empty((n, n, n if full else n // 2 + 1), np.complex64)
-    packets = n // 2 // device.lanes("float32") + 1
-    program.run("spectrum", (packets, n, n), spectrum, amplitude, np.int32(n), seed, np.uint32(0))
+    packets = n // 2 // program.lanes + 1
+    size = packets, n, n
+    program.run("spectrum", size, out=spectrum, amplitude=amplitude, n=n, seed=seed, stream=0)
     cube = device.inverse_transform(spectrum, n, library)
     if not full:
         return cube, cube
     one, other = device.empty((n, n, n), np.float32), device.empty((n, n, n), np.float32)
-    program.run("parts", n**3, cube, one, other)
+    program.run("parts", n**3, both=cube, one=one, other=other)
     return one, other
 
 
@@ -121,7 +133,7 @@ def statistics(device: Device, program: Program, cube: Buffer) -> Statistics:
     """
     voxels, run = math.prod(cube.shape), 16 * cube.shape[0]
     sums = device.empty((voxels // run, 4), np.float32)
-    program.run("statistics", voxels // run, cube, np.int32(run), sums)
+    program.run("statistics", voxels // run, field=cube, run=run, out=sums)
     total, square, low, high = sums.host().astype(np.float64).T
     mean = total.sum() / voxels
     return Statistics(

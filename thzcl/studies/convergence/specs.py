@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from thzcl.air.expansion import NOWHERE, Expansion, ExpansionSpec
-from thzcl.air.mean import Air
+from thzcl.air.expansion import Expansion, ExpansionSpec
+from thzcl.air.mean import NOWHERE, Air
 from thzcl.device.opencl import Buffer, Device
 from thzcl.graph import Spec, Values, frozen
 from thzcl.paths import trace

@@ -60,7 +60,7 @@ def study(
     record: dict[str, Any] = {
         "scenario": subject.plan.scenario.name,
         "identity": _identity(subject, repeat),
-        "device": f"{subject.device.info.name} ({subject.device.info.driver})",
+        "device": subject.device.info.description,
         "machine": platform.machine(),
         "repeat": repeat,
         "thzcl": VERSION,

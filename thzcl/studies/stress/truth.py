@@ -58,6 +58,8 @@ def absorption(
     air = scene.atmosphere
     pascal = np.maximum(grams_m3, 0) / 1e3 * GAS_CONSTANT_OF_VAPOUR * temperature_k
     vapour_hpa = np.minimum(pascal / 100, air.pressure_hpa)
+    if air.model == "none":
+        return np.zeros(np.broadcast_shapes(frequency_hz.shape, vapour_hpa.shape))
     return attenuation(
         air.model, frequency_hz / 1e9, temperature_k, air.pressure_hpa, vapour_hpa
     ).total_per_m
