@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from thzcl.sensor import (
+    FrequencyGHz,
     Image,
     Layer,
     Needs,
@@ -50,15 +51,9 @@ class PassiveBroadband(Sensor):
     class Params(Parameters):
         """Parameters of the passive broadband imager."""
 
-        center_ghz: float | None = parameter(
-            None, gt=0, le=1780, unit="GHz", help="middle of the band"
-        )
-        bandwidth_ghz: float | None = parameter(
-            None,
-            gt=0,
-            le=1780,
-            unit="GHz",
-            help="width of the band; of a Gaussian, at half maximum",
+        center_ghz: FrequencyGHz | None = parameter(None, unit="GHz", help="middle of the band")
+        bandwidth_ghz: FrequencyGHz | None = parameter(
+            None, unit="GHz", help="width of the band; of a Gaussian, at half maximum"
         )
         response: str = parameter(
             "flat",

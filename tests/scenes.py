@@ -39,6 +39,10 @@ PLAIN = {
 
 ACTIVE = {"kind": "active", "frequency_ghz": 650.0, "dynamic_range_db": 100.0}
 BROAD = {"kind": "passive-broadband", "center_ghz": 650.0, "bandwidth_ghz": 100.0}
+MOIST = {"temperature_k": 290.0, "relative_humidity_percent": 70.0}
+DRIFTING = MOIST | {
+    "fluctuations": PLAIN["atmosphere"]["fluctuations"] | {"wind_m_s": [2.0, 1.0, 0.0]}
+}
 MIRROR = {
     "kind": "box",
     "center_m": [41.0, 0.0, 1.2],

@@ -10,11 +10,13 @@ import oracle
 import pytest
 
 from thzcl.air import humidity, spectrum
+from thzcl.air.constituents import part
 from thzcl.air.expansion import fit
 from thzcl.air.mean import Air
 from thzcl.air.mpm93 import DB_KM_PER_INVERSE_METRE, attenuation
 from thzcl.air.spectrum import values
 
+MOIST = "relative_humidity_percent"
 ROUNDING = 1e-12  # of float64 sums of some hundred terms
 CLIMATES = [
     (263.15, 30, 7.98626),
@@ -153,7 +155,7 @@ def test_the_surrogate_keeps_its_bound_against_the_oracle(
     grams = float(
         humidity.absolute_humidity(humidity.vapour_pressure_from_relative(percent, kelvin), kelvin)
     )
-    air = Air("mpm93", kelvin, pressure, grams)
+    air = Air((part("mpm93"),), kelvin, pressure, grams)
     surrogate = fit(air, np.array([ghz * 1e9]), span, tolerance=tolerance)
     assert surrogate.error <= tolerance
     delta = np.random.default_rng(2).uniform(*span, 200)
@@ -165,7 +167,7 @@ def test_the_surrogate_keeps_its_bound_against_the_oracle(
 
 
 def test_a_looser_bound_needs_fewer_moments():
-    air = Air("mpm93", 288.0, 1013.25, 12.8)
+    air = Air((part("mpm93"),), 288.0, 1013.25, 12.8)
     degrees = [
         fit(air, np.array([650e9]), (-1, 1.4), tolerance=t).moments
         for t in (1e-2, 1e-4, 1e-7, 1e-12)
@@ -175,7 +177,7 @@ def test_a_looser_bound_needs_fewer_moments():
 
 
 def test_the_surrogate_follows_temperature_too():
-    air = Air("mpm93", 290.0, 1000.0, 10.0)
+    air = Air((part("mpm93"),), 290.0, 1000.0, 10.0)
     surrogate = fit(air, np.array([556.9e9, 650e9]), (-0.9, 1.2), (-8, 8), tolerance=1e-6)
     rng = np.random.default_rng(3)
     delta, offset = rng.uniform(-0.9, 1.2, 100), rng.uniform(-8, 8, 100)
@@ -189,7 +191,7 @@ def test_the_surrogate_follows_temperature_too():
 
 def test_vapour_is_limited_to_the_total_pressure():
     """Air of nothing but vapour is the end of the range, and of the fit's."""
-    air = Air("mpm93", 330.0, 200.0, 100.0)
+    air = Air((part("mpm93"),), 330.0, 200.0, 100.0)
     assert air.absorption(650e9, 50.0) == pytest.approx(
         float(air.absorption(650e9, air.most_vapour))
     )
@@ -221,7 +223,7 @@ def test_the_picture_runs_along_what_has_more_values(tmp_path, monkeypatch):
         (np.array([350.0, 650.0]), values("253:313:10")),
     ):
         spectrum.figure(
-            spectrum.records(ghz, kelvin, 1013.25, "mpm93", "relative_humidity_percent", 50.0),
+            spectrum.records(ghz, kelvin, 1013.25, part("mpm93"), MOIST, 50.0),
             tmp_path,
         )
     frequency, temperature = drawn

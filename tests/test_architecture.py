@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import re
 import subprocess
 import sys
 
@@ -27,10 +28,12 @@ ROOMS = (
     "records",
     "commands",
 )
-LOOSE = {"__init__", "__main__", "clock", "errors", "files", "graph", "pipeline", "sensor"}
+LOOSE = {"__init__", "__main__", "clock", "errors", "files", "graph", "pipeline"}
+LOOSE |= {"sensor", "constituent"}  # the two public contracts
 # What a loose module may know of the house; the others know no room.
 KNOWN = {
     "sensor": {"air", "scenario", "sensing"},  # its contract offers tables, Planck and bands
+    "constituent": {"scenario"},  # its contract offers tables
     "pipeline": set(ROOMS) - {"records", "commands"},
     "__init__": {"device", "results"},
     "__main__": {"commands"},
@@ -116,12 +119,23 @@ def test_only_the_device_knows_opencl(path):
     assert dotted(path).startswith("device") or not known & {"pyopencl", "reikna"}
 
 
-@pytest.mark.parametrize("path", sorted((ROOT / "sensors").glob("*.py")), ids=lambda p: p.name)
-def test_sensors_import_the_contract_and_numpy_alone(path):
-    """Beside the standard library."""
+def plugin_files():
+    """The files of the built-in sensors and constituents, each with its public contract."""
+    for path in sorted((ROOT / "sensors").glob("*.py")):
+        yield path, "thzcl.sensor."
+    for path in sorted((PACKAGE / "air").glob("*.py")):
+        if re.search(r"^def register_constituents", path.read_text(encoding="utf-8"), re.MULTILINE):
+            yield path, "thzcl.constituent."
+
+
+@pytest.mark.parametrize(
+    ("path", "contract"), list(plugin_files()), ids=lambda value: str(value)[-20:]
+)
+def test_plugins_import_the_contract_and_numpy_alone(path, contract):
+    """Beside the standard library, and SciPy where a formula needs it."""
     for module in imports(path):
         if module.split(".")[0] not in sys.stdlib_module_names:
-            assert module.startswith(("thzcl.sensor.", "numpy")), module
+            assert module.startswith((contract, "numpy", "scipy.")), module
 
 
 def test_kernels_lie_in_rooms_of_the_same_names():

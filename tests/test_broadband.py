@@ -11,6 +11,7 @@ import pytest
 from scenes import BROAD, MIRROR, facing, run, scene
 
 from thzcl.air import radiometry
+from thzcl.air.constituents import part
 from thzcl.air.mean import Air
 from thzcl.air.mpm93 import line_centers_ghz, line_width_ghz
 from thzcl.sensing import bands
@@ -182,7 +183,7 @@ def test_lines_of_thin_air_are_found():
 
     A quadrature that is not told of the lines misses them.
     """
-    air = Air("mpm93", 288.0, 1.0, 0.2)
+    air = Air((part("mpm93"),), 288.0, 1.0, 0.2)
     view = {
         "air_temperature_k": 288.0,
         "path_m": (10.0, 10.0),

@@ -292,7 +292,7 @@ WRONG = {
     ),
     "unknown model": (
         ("absorption", "--frequency-ghz", "600", "--model", "itu"),
-        "unknown absorption model",
+        'no constituent "itu" is installed',
     ),
     "no such sensor": (("sensors", "camera"), "no sensor"),
     "no such command": (("rum",), "No such command"),

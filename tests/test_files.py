@@ -199,8 +199,8 @@ NO_BAND = {
     "one column": ([[600], [700]], "needs two columns"),
     "one row": ([[600, 1]], "two rows or more"),
     "twice": ([[600, 1], [600, 1]], "its frequencies do not ascend"),
-    "in Hz": ([[600e9, 1], [700e9, 1]], "above 0 and up to 1780 GHz"),
-    "from 0": ([[0, 1], [700, 1]], "above 0 and up to 1780 GHz"),
+    "in Hz": ([[600e9, 1], [700e9, 1]], "above 0 and up to 100000 GHz"),
+    "from 0": ([[0, 1], [700, 1]], "above 0 and up to 100000 GHz"),
     "negative": ([[600, -1], [700, 1]], "its response must be at least 0"),
     "dark": ([[600, 0], [700, 0]], "above 0 somewhere"),
 }

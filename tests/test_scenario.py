@@ -53,7 +53,7 @@ reflectivity = 1.5
 
 [sensor]
 kind = "passive-spectral"
-frequency_ghz = 2000
+frequency_ghz = 2e5
 """,
         encoding="utf-8",
     )
@@ -72,7 +72,7 @@ frequency_ghz = 2000
         "bad.toml:21: [targets.box] size_m.1: must be above 0 m, not 0",
         "bad.toml:22: [targets.box] temperature_k: must be at least 0 K, not -5",
         "bad.toml:23: [targets.box] reflectivity: must be at most 1, not 1.5",
-        "bad.toml:27: [sensor] frequency_ghz: must be at most 1780 GHz, not 2000",
+        "bad.toml:27: [sensor] frequency_ghz: must be at most 100000 GHz, not 200000",
     ):
         assert expected in found, found
 

@@ -67,6 +67,17 @@ class FileError(ThzclError, ValueError):
     """A file from outside cannot be read or used: the message holds file, place and remedy."""
 
 
+class RangeError(ThzclError, ValueError):
+    """Air is asked for its optics where a constituent of it is not valid.
+
+    `quantity` is what lies outside, as thzcl.constituent.Span has it, and `value` what it is.
+    """
+
+    def __init__(self, text: str, quantity: str, value: float) -> None:
+        super().__init__(text)
+        self.quantity, self.value = quantity, value
+
+
 class RecordError(ThzclError):
     """A hygrometer's record cannot be read or analysed."""
 

@@ -44,6 +44,7 @@ RESULT = Kind(64_000_000_000, "give a result written by `thzcl run`", "check the
 PICTURE = Kind(64_000_000, "give a PNG or TIFF of 8 or 16 bit, or a .npy array")
 CUBE = Kind(8_000_000_000, "give a NetCDF-4 file with absolute_humidity(z, y, x)")
 TABLE = Kind(64_000_000, "give comma-separated numbers")
+GRID = Kind(512_000_000, "give a NetCDF-4 file with a variable over named axes")
 
 
 def open_regular(path: Path, kind: Kind) -> io.BufferedReader:
@@ -254,7 +255,7 @@ class Patient(io.RawIOBase):
 
     The HDF5 library ends the process if an error, such as that of a full disk, is raised while it
     writes. Here the first error, an interrupt included, is stored until close() raises it. After an
-    error nothing more is written, and what is read back is not valid.
+    error nothing more is written, and zeros are read back.
     """
 
     def __init__(self, path: Path) -> None:
@@ -267,8 +268,14 @@ class Patient(io.RawIOBase):
         return memoryview(data).nbytes
 
     def readinto(self, buffer: Any) -> int:
-        """Reads from the file into a buffer, and returns the number of bytes."""
-        return self._try(lambda: self._file.readinto(buffer)) or 0
+        """Reads from the file into a buffer, and returns the number of bytes.
+
+        What the file does not hold is 0, since HDF5 would follow whatever the buffer held before.
+        """
+        count = self._try(lambda: self._file.readinto(buffer)) or 0
+        rest = memoryview(buffer).cast("B")[count:]
+        rest[:] = bytes(len(rest))
+        return count
 
     def seek(self, offset: int, whence: int = os.SEEK_SET) -> int:
         """Moves to a position in the file, and returns it."""

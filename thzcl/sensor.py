@@ -70,7 +70,7 @@ __all__ = [
 CONTRACT = 1
 _BLOCK = 32768  # pixels at once, which fit the cache: three times faster
 Array = NDArray[np.float64]
-FrequencyGHz = Annotated[float, Field(gt=0, le=1780)]  # the range of MPM93
+FrequencyGHz = Annotated[float, Field(gt=0, le=bands.HIGHEST_GHZ)]  # the air's model may end below
 FrequenciesGHz = FrequencyGHz | Annotated[tuple[FrequencyGHz, ...], Field(min_length=1)]
 hookimpl = pluggy.HookimplMarker("thzcl")
 

@@ -18,14 +18,13 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from thzcl.air.mean import Air
+from thzcl.air.mean import NOWHERE, Air, Span
 from thzcl.graph import LeftOut, Spec, Values, Work, frozen
 
 Array = NDArray[np.float64]
-Span = tuple[float, float]
 
-NOWHERE: Span = (0.0, 0.0)
 HIGHEST_DEGREE = 16
+STILL_FALLS = 2.0  # no degree is raised to lower the error by less than this factor
 _NODES = 33  # of the uncut series: enough for every line at pressures of 1 hPa and above
 _SAFETY = 1.2  # the error between checked points may be a little larger than at them
 
@@ -173,7 +172,7 @@ def _measured(expansion: Expansion, scale: Array) -> float:
 
 def possible(air: Air, humidity_span: Span) -> Span:
     """Returns a span of delta limited to what is possible: from dry air to vapour alone."""
-    if air.absolute_humidity_g_m3 == 0 or air.model == "none":
+    if air.absolute_humidity_g_m3 == 0 or not air.varies:
         return NOWHERE
     high = min(humidity_span[1], air.most_vapour)
     return min(max(humidity_span[0], -1.0), high), high
@@ -211,16 +210,25 @@ def _degrees(
     most = (min(HIGHEST_DEGREE, series.shape[1] - 1), min(HIGHEST_DEGREE, series.shape[2] - 1))
     degree_d = min(moments, most[0]) if moments is not None and most[0] else most[0]
     goal = tolerance / _SAFETY
-    degree_t = next(
-        (j for j in range(most[1]) if _error_of_cut(values, series, (most[0], j)) <= goal / 2),
-        most[1],
+    degree_t = _least_degree(
+        lambda j: _error_of_cut(values, series, (most[0], j)), most[1], goal / 2
     )
     if moments is None:
-        degree_d = next(
-            (k for k in range(most[0]) if _error_of_cut(values, series, (k, degree_t)) <= goal),
-            most[0],
+        degree_d = _least_degree(
+            lambda k: _error_of_cut(values, series, (k, degree_t)), most[0], goal
         )
     return degree_d, degree_t
+
+
+def _least_degree(error: Callable[[int], float], most: int, goal: float) -> int:
+    """Returns the least degree whose error is within a goal, or else does not fall much further."""
+    errors = []
+    for degree in range(most + 1):
+        errors.append(error(degree))
+        if errors[-1] <= goal:
+            return degree
+    least = min(errors)
+    return next(degree for degree, one in enumerate(errors) if one <= STILL_FALLS * least)
 
 
 def _error_of_cut(values: Array, series: Array, degrees: tuple[int, int]) -> float:
@@ -340,9 +348,9 @@ class ExpansionSpec(Spec):
 
     def describe(self) -> dict[str, Work | LeftOut]:
         """Returns the name of the absorption model, or why none is needed."""
-        if self.air.model == "none":
-            return {"surrogate": LeftOut('model = "none": air that absorbs nothing')}
-        return {"surrogate": Work("", "MPM93 as polynomial")}
+        if not (self.air.varies or self.air.absorption(self.frequency_hz.array).any()):
+            return {"surrogate": LeftOut("air that absorbs nothing")}
+        return {"surrogate": Work("", f"{self.air.names} as polynomial")}
 
 
 @frozen

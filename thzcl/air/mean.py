@@ -1,24 +1,28 @@
-"""Air of one mean state, and its absorption where humidity and temperature depart from it."""
+"""The air of a scene: constituents about one mean state, and the sum of what they absorb."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from thzcl.air import humidity
-from thzcl.air.mpm93 import attenuation
+from thzcl.air import constituents, humidity, validity
+from thzcl.air.constituents import Part
 
 Array = NDArray[np.float64]
+Span = tuple[float, float]
+NOWHERE: Span = (0.0, 0.0)
 
 
 @dataclass(frozen=True)
 class Air:
-    """The mean air: its absorption model, temperature, total pressure and absolute humidity."""
+    """The mean air: its constituents, temperature, total pressure and absolute humidity."""
 
-    model: str
+    parts: tuple[Part, ...]
     temperature_k: float
     pressure_hpa: float
     absolute_humidity_g_m3: float
@@ -42,18 +46,89 @@ class Air:
             return 0.0
         return self.pressure_hpa / self.vapour_pressure_hpa - 1
 
+    @property
+    def names(self) -> str:
+        """Returns the names of the constituents, as "mpm93 + dust"."""
+        return " + ".join(part.name for part in self.parts)
+
+    @property
+    def varies(self) -> bool:
+        """Returns whether what the air absorbs depends on humidity or temperature."""
+        return any(constituents.made(part).varies for part in self.parts)
+
+    def located(self, locate: Callable[[str], Path]) -> Air:
+        """Returns this air with the files of its constituents found, and read once.
+
+        Raises FileError for files that cannot be used, and whatever `locate` raises.
+        """
+        parts = tuple(constituents.located(part, locate) for part in self.parts)
+        return replace(self, parts=parts)
+
     def absorption(self, frequency_hz: Any, delta: Any = 0.0, offset_k: Any = 0.0) -> Array:
         """Returns the absorption coefficient of power in 1/m; the arguments broadcast.
 
         `delta` is the humidity fluctuation rho / rho_mean - 1, at least -1. `offset_k` is the
         temperature's departure from the mean in kelvin, at constant total pressure. Vapour pressure
-        is limited to the total pressure.
+        is limited to the total pressure. A constituent that does not vary is asked for the mean air
+        alone. Raises RangeError where a constituent is not valid, and PluginError or PluginFailure
+        for one that cannot be used.
         """
+        hz = np.asarray(frequency_hz, dtype=np.float64)
+        kelvin, vapour = self._state(delta, offset_k)
+        total = np.zeros(np.broadcast_shapes(hz.shape, np.shape(vapour)))
+        for part in self.parts:
+            state = (kelvin, vapour) if constituents.made(part).varies else self._state(0.0, 0.0)
+            of_part = constituents.optical_properties(
+                part, hz, state[0], self.pressure_hpa, state[1]
+            )
+            total += np.asarray(of_part.absorption)
+        return total
+
+    def _state(self, delta: Any, offset_k: Any) -> tuple[Array, Array]:
+        """Returns temperature in K and vapour pressure in hPa."""
         kelvin = self.temperature_k + np.asarray(offset_k, dtype=np.float64)
         vapour = humidity.vapour_pressure_from_absolute(
             self.absolute_humidity_g_m3 * (1 + np.asarray(delta)), kelvin
         )
-        vapour = np.clip(vapour, 0.0, self.pressure_hpa)
-        return attenuation(
-            self.model, np.asarray(frequency_hz) / 1e9, kelvin, self.pressure_hpa, vapour
-        ).total_per_m
+        return np.asarray(kelvin), np.clip(vapour, 0.0, self.pressure_hpa)
+
+    def lines(self) -> tuple[Array, float]:
+        """Returns where the lines of all constituents stand, and the width of the narrowest, Hz."""
+        state = self.temperature_k, self.pressure_hpa, self.vapour_pressure_hpa
+        found = [constituents.lines(part, *state) for part in self.parts]
+        positions = np.sort(np.concatenate([np.empty(0), *(lines for lines, _ in found)]))
+        return positions, min((width for lines, width in found if len(lines)), default=np.inf)
+
+    def refuse_beyond(
+        self,
+        frequency_hz: Array | None = None,
+        humidity_span: Span = NOWHERE,
+        temperature_span: Span = NOWHERE,
+    ) -> None:
+        """Raises RangeError where a constituent does not hold the frequencies or what air becomes.
+
+        The spans bound delta and the temperature's departure from the mean in K.
+        """
+        for part, asked in self._asked(frequency_hz, humidity_span, temperature_span):
+            constituents.refuse(part, asked)
+
+    def notes(self, frequency_hz: Array, humidity_span: Span, temperature_span: Span) -> list[str]:
+        """Returns what to tell of constituents that extrapolate."""
+        return [
+            note
+            for part, asked in self._asked(frequency_hz, humidity_span, temperature_span)
+            for note in validity.notes(part.name, constituents.made(part).valid, asked)
+        ]
+
+    def _asked(
+        self, frequency_hz: Array | None, humidity_span: Span, temperature_span: Span
+    ) -> Iterator[tuple[Part, validity.Ranges]]:
+        """Yields each constituent with the ranges for which the air asks it."""
+        frequency = {} if frequency_hz is None else {"frequency_ghz": frequency_hz / 1e9}
+        spans = np.array(humidity_span)[:, None], np.array(temperature_span)
+        for part in self.parts:
+            made = constituents.made(part)
+            kelvin, vapour = self._state(*(spans if made.varies else (0.0, 0.0)))
+            state = {"temperature_k": kelvin, "vapour_hpa": vapour}
+            pressure = {"pressure_hpa": self.pressure_hpa}
+            yield part, validity.ranges(made.limited, **frequency, **state, **pressure)

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from thzcl.air import humidity
-from thzcl.air.mpm93 import attenuation
+from thzcl.air import constituents, humidity, validity
+from thzcl.air.constituents import Part
+from thzcl.air.mpm93 import DB_KM_PER_INVERSE_METRE
 
 Array = NDArray[np.float64]
+Record = dict[str, Any]  # a number, or None, by the names of COLUMNS
 
 MOST_VALUES = 1_000_000
 COLUMNS = (
@@ -25,6 +28,7 @@ COLUMNS = (
     "total_db_km",
     "total_per_m",
 )
+PARTS = ("dry", "vapour")  # of the absorption, where the model tells them apart
 LABELS = {"frequency_ghz": "frequency / GHz", "temperature_k": "temperature / K"}
 MOST_NAMED = 12  # lines in a legend
 
@@ -57,15 +61,16 @@ def records(
     frequency_ghz: Array,
     temperature_k: Array,
     pressure_hpa: float,
-    model: str,
+    gas: Part,
     given: str,
     amount: float,
-) -> list[dict[str, float]]:
+) -> list[Record]:
     """Returns one record for each temperature and frequency, in the units that its keys name.
 
     `given` is the name of the quantity that `amount` measures: "relative_humidity_percent",
-    "absolute_humidity_g_m3" or "vapour_pressure_hpa". Raises ValueError for what the model does not
-    cover.
+    "absolute_humidity_g_m3" or "vapour_pressure_hpa". The attenuation of dry air and of vapour are
+    None for a model that does not tell them apart. Raises ValueError for air that cannot be, and
+    RangeError where the model is not valid.
     """
     kelvin, ghz = (
         grid.ravel() for grid in np.meshgrid(temperature_k, frequency_ghz, indexing="ij")
@@ -78,7 +83,11 @@ def records(
         vapour = humidity.vapour_pressure_from_absolute(amount, kelvin)
     else:
         vapour = np.full(kelvin.shape, amount)
-    of_air = attenuation(model, ghz, kelvin, pressure_hpa, vapour)
+    if not ((vapour >= 0) & (vapour <= pressure_hpa)).all():
+        raise ValueError("vapour pressure must lie between 0 and the total pressure")
+    of_air = constituents.optical_properties(gas, ghz * 1e9, kelvin, pressure_hpa, vapour)
+    per_m = np.asarray(of_air.absorption)
+    parts = constituents.parts(gas, of_air)
     columns = (
         ghz,
         kelvin,
@@ -86,15 +95,22 @@ def records(
         vapour,
         humidity.relative_humidity(vapour, kelvin),
         humidity.absolute_humidity(vapour, kelvin),
-        of_air.dry_db_km,
-        of_air.vapour_db_km,
-        of_air.total_db_km,
-        of_air.total_per_m,
+        *(parts[name] * DB_KM_PER_INVERSE_METRE if name in parts else None for name in PARTS),
+        per_m * DB_KM_PER_INVERSE_METRE,
+        per_m,
     )
-    return [dict(zip(COLUMNS, map(float, row), strict=True)) for row in zip(*columns, strict=True)]
+    listed = [[None] * ghz.size if column is None else column.tolist() for column in columns]
+    return [dict(zip(COLUMNS, row, strict=True)) for row in zip(*listed, strict=True)]
 
 
-def figure(rows: list[dict[str, float]], path: Path) -> None:
+def notes(frequency_ghz: Array, gas: Part) -> list[str]:
+    """Returns what to tell of frequencies for which a gas extrapolates."""
+    made = constituents.made(gas)
+    asked = validity.ranges(made.limited, frequency_ghz=frequency_ghz)
+    return validity.notes(gas.name, made.valid, asked)
+
+
+def figure(rows: list[Record], path: Path) -> None:
     """Writes a PNG of the attenuation of moist and dry air.
 
     Its abscissa is frequency or temperature, whichever has more values. Figure 5 of O'Brien and
@@ -121,14 +137,15 @@ def figure(rows: list[dict[str, float]], path: Path) -> None:
         axes.plot(
             x, moist, color=colour, label=label if number < MOST_NAMED else None, linewidth=1.2
         )
-        axes.plot(
-            x,
-            dry,
-            "--",
-            color=colour,
-            label="dry part" if number == len(lines) - 1 else None,
-            linewidth=1.2,
-        )
+        if None not in dry:
+            axes.plot(
+                x,
+                dry,
+                "--",
+                color=colour,
+                label="dry part" if number == len(lines) - 1 else None,
+                linewidth=1.2,
+            )
     axes.set(xlabel=LABELS[along], ylabel="specific attenuation / dB/km", yscale="log")
     axes.set_title(f"{rows[0]['pressure_hpa']:g} hPa", fontsize=10)
     axes.grid(alpha=0.3, which="both")
@@ -136,7 +153,7 @@ def figure(rows: list[dict[str, float]], path: Path) -> None:
     picture.savefig(path, dpi=150, format="png")
 
 
-def _moisture(rows: list[dict[str, float]]) -> str:
+def _moisture(rows: list[Record]) -> str:
     """Returns the humidity, in the first form that is the same in all rows, with its unit."""
     units = {
         "relative_humidity_percent": "% RH",

@@ -10,8 +10,6 @@ import typer
 from thzcl.commands.options import HowTable, TableFormat
 from thzcl.errors import UsageError
 
-STATED_TO_GHZ = 1000  # frequency to which MPM93's authors state it
-
 
 def absorption(
     frequency_ghz: Annotated[
@@ -30,7 +28,7 @@ def absorption(
     vapour_pressure_hpa: Annotated[
         float | None, typer.Option(metavar="E", help="hPa; dry if no humidity is given")
     ] = None,
-    model: Annotated[str, typer.Option(help="mpm93, mpm93-corrected or none")] = "mpm93",
+    model: Annotated[str, typer.Option(help="a gas, as `thzcl constituents` lists them")] = "mpm93",
     how: HowTable = TableFormat.table,
     figure: Annotated[
         Path | None, typer.Option(metavar="FILE", help="write a picture (PNG) as well")
@@ -41,6 +39,7 @@ def absorption(
     from thzcl.commands.tables import as_csv, as_records, from_records, show, show_json
     from thzcl.commands.terminal import complain
     from thzcl.files import write_whole
+    from thzcl.scenario.constituents import gas
 
     humidity = _humidity(
         relative_humidity_percent=relative_humidity_percent,
@@ -49,7 +48,7 @@ def absorption(
     )
     try:
         frequencies, temperatures = spectrum.values(frequency_ghz), spectrum.values(temperature_k)
-        rows = spectrum.records(frequencies, temperatures, pressure_hpa, model, *humidity)
+        rows = spectrum.records(frequencies, temperatures, pressure_hpa, gas(model), *humidity)
     except ValueError as error:
         raise UsageError(str(error)) from None
     if figure is not None:
@@ -63,11 +62,7 @@ def absorption(
         print(as_csv(table), end="")
     else:
         show(table)
-    if frequencies.max() > STATED_TO_GHZ:
-        text = (
-            f"note: MPM93 is stated to {STATED_TO_GHZ} GHz; beyond, absorption is an extrapolation"
-        )
-        complain([text])
+    complain([f"note: {note}" for note in spectrum.notes(frequencies, gas(model))])
 
 
 def _humidity(**given: float | None) -> tuple[str, float]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -14,8 +13,7 @@ def new_sensor(
     ],
 ) -> None:
     """Write a package with a sensor of your own to start from: it installs and runs as it is."""
-    from thzcl.plugins.template import write_package
+    from thzcl.commands.plugin_pages import write_new
     from thzcl.scenario.sensors import HOOK
 
-    folder = write_package(HOOK, name, Path())
-    print(f"wrote {folder}; next: pip install ./{folder} && thzcl run {folder}/scene.toml")
+    write_new(HOOK, name)

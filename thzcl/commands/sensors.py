@@ -13,18 +13,10 @@ def sensors(
     ] = None,
 ) -> None:
     """List the sensors, or show one's manual page and parameters."""
-    from thzcl.commands.tables import Column, Table, show
-    from thzcl.commands.terminal import page
-    from thzcl.plugins.loader import origins
-    from thzcl.scenario.manual import manual, summary
+    from thzcl.commands.plugin_pages import show_all, show_one
     from thzcl.scenario.sensors import HOOK
 
-    if name is not None:
-        text, rows = manual(name)
-        page(text)
-        print()
-        columns = tuple(map(Column, ("key", "unit", "default", "limits", "meaning")))
-        show(Table(f'[sensor] kind = "{name}"', columns, tuple(map(tuple, rows))))
-        return
-    rows = [[origin.name, origin.distribution, summary(origin)] for origin in origins(HOOK)]
-    show(Table("", (Column("sensor"), Column("from"), Column("")), tuple(map(tuple, rows))))
+    if name is None:
+        show_all(HOOK)
+    else:
+        show_one(HOOK, name, f'[sensor] kind = "{name}"')

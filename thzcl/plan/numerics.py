@@ -67,10 +67,9 @@ class AirAlong:
 
 def air_along(air: Air, spectrum: Spectrum, turbulence: Turbulence | None, turn: Array) -> AirAlong:
     """Returns the air that rays cross, at the frequencies of a spectrum."""
-    frequency_hz, step = spectrum.nodes_hz.array, 1e-3
-    absorption = air.absorption(frequency_hz)
-    slope = (air.absorption(frequency_hz, step) - absorption) / step
-    return AirAlong(absorption, slope, turbulence, turn)
+    step = 1e-3
+    absorption, moister = air.absorption(spectrum.nodes_hz.array[:, None], [0.0, step]).T
+    return AirAlong(absorption, (moister - absorption) / step, turbulence, turn)
 
 
 @dataclass(frozen=True)

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from thzcl.air.expansion import Expansion
-from thzcl.air.mpm93 import STATED_TO_GHZ
+from thzcl.air.expansion import Expansion, possible
+from thzcl.air.mean import NOWHERE
 from thzcl.air.refraction import Refraction, estimate, structure_constant_n
 from thzcl.graph import LeftOut, Work, everything, peak
 from thzcl.paths.specs import TraceSpec
@@ -68,7 +68,8 @@ def _stage(plan: Plan, name: str, words: list[Work | LeftOut]) -> Stage:
 
 def _expansion(plan: Plan) -> str:
     """Returns the degree and the error of the expansion of absorption, in words."""
-    fitted = f"MPM93 as polynomial of degree {moments(plan)} in humidity"
+    names = ", ".join(dict.fromkeys(variant.air.names for variant in plan.variants))
+    fitted = f"{names} as polynomial of degree {moments(plan)} in humidity"
     return f"{fitted}, error at most {expansion_error(plan):.1e} of the mean absorption"
 
 
@@ -107,11 +108,7 @@ def warnings(plan: Plan, errors: Iterable[float]) -> list[str]:
 
     `errors` are those of the variants' expansions, relative to the mean air's absorption.
     """
-    highest = plan.frequency_hz.max() / 1e9
-    found = []
-    if highest > STATED_TO_GHZ:
-        stated = f"MPM93 is stated to {STATED_TO_GHZ:g} GHz"
-        found.append(f"{highest:g} GHz: {stated}; beyond, absorption is an extrapolation")
+    found = [note for variant in plan.variants for note in _extrapolations(variant)]
     found += _periods(plan)
     for variant, error in zip(plan.variants, errors, strict=True):
         humidity = variant.scene.atmosphere.air.relative_humidity_percent
@@ -122,6 +119,13 @@ def warnings(plan: Plan, errors: Iterable[float]) -> list[str]:
             by = f"the absorption polynomial errs by up to {error:.1e}"
             found.append(f"{variant.name}: {by}; set a higher moments")
     return list(dict.fromkeys(found))
+
+
+def _extrapolations(variant: PlannedVariant) -> list[str]:
+    """Returns warnings of constituents that are asked for more than they are stated for."""
+    humid, warm = (NOWHERE, NOWHERE) if variant.cube is None else variant.cube.spans()
+    nodes = variant.image.spectrum.nodes_hz.array
+    return variant.air.notes(nodes, possible(variant.air, humid), warm)
 
 
 def planned_errors(plan: Plan) -> list[float]:

@@ -11,16 +11,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from thzcl import files
-from thzcl.air.expansion import ExpansionSpec, TrimmedSpec
-from thzcl.air.mean import Air
-from thzcl.air.mpm93 import REFUSED_ABOVE_GHZ, line_centers_ghz, line_width_ghz
+from thzcl.air.expansion import ExpansionSpec, TrimmedSpec, possible
+from thzcl.air.mean import NOWHERE, Air, Span
 from thzcl.error.budget import ErrorSpec, LatticeErrorSpec, SamplingSpec
 from thzcl.error.rays import FineWalkSpec, WalkSpec
-from thzcl.errors import FileError, ScenarioError
 from thzcl.graph import Spec, Values
 from thzcl.plan import numerics
+from thzcl.plan.cube import Source, cube_source
 from thzcl.plan.light import STILL, AnyAir, EvenAir, Moving, Setup, TurbulentAir, WarmAir
 from thzcl.plan.numerics import Accuracy, Foreseen
+from thzcl.plan.refused import air_refused, files_refused
 from thzcl.plan.sampling import Sampling
 from thzcl.scenario import sensors
 from thzcl.scenario.document import Scenario, Variant
@@ -35,11 +35,9 @@ from thzcl.surfaces import camera, geometry, radiance
 from thzcl.surfaces.camera import Raster
 from thzcl.surfaces.estimate import SampledRays, sampled_rays
 from thzcl.surfaces.geometry import Geometry
-from thzcl.turbulence import cube_file, spectrum_table
 from thzcl.turbulence.cube_file import CubeFile
 from thzcl.turbulence.fields import AnyField, CubeSpec, FieldSpec, NotesSpec, SavedCubeSpec
 from thzcl.turbulence.orientation import ROTATIONS
-from thzcl.turbulence.spectra import Turbulence, turbulence
 
 Array = NDArray[np.float64]
 
@@ -60,6 +58,7 @@ class PlannedVariant:
     notes: NotesSpec | None
     saved: SavedCubeSpec | None
     settled: Accuracy
+    air: Air = field(compare=False)
     scene: Scene = field(compare=False)
     needs: Needs = field(compare=False)
     shape: Geometry = field(compare=False)
@@ -93,23 +92,25 @@ class _Planner:
 
     def __init__(self, scenario: Scenario, variant: Variant) -> None:
         self.scenario, self.variant, self.scene = scenario, variant, variant.scene
-        self.air: Air = self.scene.atmosphere.air
         self.pixel_rad = camera.pixel_angles(self.scene.camera)
         plain = camera.raster(self.scene.camera)
-        try:
+        with files_refused(scenario):
             self.shape, self.surfaces = geometry.geometry(self.scene, scenario.locate, plain)
+            self.air: Air = self.scene.atmosphere.air.located(scenario.locate)
+        with air_refused(scenario, self.scene):
+            self.air.refuse_beyond(None, NOWHERE, NOWHERE)
+            self.needs = self._asked()
+            self.spectrum: Spectrum = spectrum(self.needs)
+            self.air.refuse_beyond(self.spectrum.nodes_hz.array, NOWHERE, NOWHERE)
+        self.sources = self._sources()
+        with files_refused(scenario):
             self.cube_source = self._cube_source()
-        except (FileError, ValueError) as error:
-            raise ScenarioError([f"{scenario.name}: {error}"]) from None
-        self.needs = self._asked()
-        self.spectrum: Spectrum = spectrum(self.needs)
         if self.needs.optics is not None:
             nodes = self.spectrum.nodes_hz.array
             rays = optics.sampling(self.needs.optics, plain, self.pixel_rad, nodes)
             frame = Values.of(camera.camera_frame(self.scene.camera, rays))
             self.shape = replace(self.shape, raster=rays, frame=frame)
         self.sample: SampledRays = sampled_rays(self.shape)
-        self.sources = self._sources()
         self.targets = Values.of([s.target for s in self.surfaces], np.int32)
         self.foreseen = self._foreseen()
         bearable = self.scene.numerics.tolerance
@@ -117,18 +118,13 @@ class _Planner:
         self.settled = numerics.settle(self.scene.numerics, self.needs, self.foreseen)
 
     def _asked(self) -> Needs:
-        """Returns what the sensor needs. Raises ScenarioError for frequencies beyond MPM93's."""
-        sensor = sensors.make(self.scene.sensor.model_dump())
-        needs = sensors.ask_needs(sensor, self._view())
-        highest = float(np.max(np.asarray(needs.frequency_hz))) / 1e9
-        if highest > REFUSED_ABOVE_GHZ:
-            text = f"asks for {highest:g} GHz; MPM93 ends at {REFUSED_ABOVE_GHZ:g} GHz"
-            raise ScenarioError([f"{self.scenario.name}: [sensor] {text}"])
-        return needs
+        """Returns what the sensor needs."""
+        return sensors.ask_needs(sensors.make(self.scene.sensor.model_dump()), self._view())
 
     def _view(self) -> View:
         """Returns what a sensor may know of the scene."""
         lengths, air = sampled_rays(self.shape).length, self.air
+        lines_hz, width_hz = air.lines()
         bearable = self.scene.numerics.tolerance
         return View(
             self.scene.camera.pixels,
@@ -136,8 +132,8 @@ class _Planner:
             air.temperature_k,
             (float(lengths.min()), float(lengths.max())),
             air.absorption,
-            line_centers_ghz() * 1e9,
-            line_width_ghz(air.pressure_hpa) * 1e9,
+            lines_hz,
+            width_hz,
             lambda name: files.read_table(self.scenario.locate(name)),
             bands.TOLERANCE if bearable is None else numerics.BAND * bearable,
         )
@@ -148,25 +144,12 @@ class _Planner:
             return radiance.emission(self.scene, self.surfaces)
         return radiance.reflection(self.surfaces, 2 if self.needs.transmitter_m is None else 1)
 
-    def _cube_source(self) -> tuple[CubeFile | Turbulence | None, str]:
+    def _cube_source(self) -> tuple[Source | None, str]:
         """Returns what the cube is made from, or None and the reason why there is no cube."""
-        flow, air = self.scene.atmosphere.fluctuations, self.air
-        if air.model == "none":
-            return None, "air absorbs nothing: no field, no FFT"
-        if flow is None:
-            return None, "no [atmosphere.fluctuations]: no field, no FFT"
-        if flow.spectrum == "file" and flow.file is not None:
-            cube = cube_file.inspect(self.scenario.folder / flow.file, flow.voxel_m)
-            cube_file.refuse_zero_mean(cube, air.absolute_humidity_g_m3)
-            return cube, ""
-        table = None
-        if flow.file is not None:
-            table = spectrum_table.read(self.scenario.locate(flow.file))
-        drawn = turbulence(self.scene.atmosphere, table)
-        even = drawn is None or drawn.sigma == 0 or air.absolute_humidity_g_m3 == 0
-        if drawn is None or (even and not drawn.temperature_fluctuates):
-            return None, "fluctuations of size 0, or dry air: no field, no FFT"
-        return drawn, ""
+        nodes = self.spectrum.nodes_hz.array
+        absorbs = self.air.varies or bool(self.air.absorption(nodes).any())
+        emits = self.sources.air_emits
+        return cube_source(self.scenario, self.scene, self.air, absorbs=absorbs, emits=emits)
 
     def _foreseen(self) -> Foreseen:
         """Returns a forecast of the image, by which numerical settings are chosen."""
@@ -260,6 +243,8 @@ class _Planner:
     def planned(self) -> PlannedVariant:
         """Returns the plan of the variant."""
         cube, setup = self._field(), self._setup()
+        if cube is not None:
+            self._refuse_beyond(*cube.spans())
         air, even = self._air(setup, cube), EvenAir(setup, "surfaces in mean air")
         flow = self.scene.atmosphere.fluctuations
         wind = STILL if flow is None or cube is None else flow.wind_m_s
@@ -280,6 +265,7 @@ class _Planner:
             None if cube is None else NotesSpec(cube),
             self._saved(cube),
             self.settled,
+            self.air,
             self.scene,
             self.needs,
             self.shape,
@@ -288,6 +274,12 @@ class _Planner:
             float(self.sample.length.max()),
             self._visible_m(),
         )
+
+    def _refuse_beyond(self, humidity_span: Span, temperature_span: Span) -> None:
+        """Raises ScenarioError where a constituent does not hold what the air becomes."""
+        spans = possible(self.air, humidity_span), temperature_span
+        with air_refused(self.scenario, self.scene, fluctuating=True):
+            self.air.refuse_beyond(self.spectrum.nodes_hz.array, *spans)
 
     def _saved(self, cube: AnyField | None) -> SavedCubeSpec | None:
         """Returns the cube to be stored, or None if there is none or the scene does not ask."""

@@ -5,13 +5,14 @@ from __future__ import annotations
 import signal
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import contextmanager
 from types import FrameType
 from typing import Any, TypeVar
 
 from thzcl.errors import PluginError, PluginFailure
 
 Answer = TypeVar("Answer")
+_in_progress: list[list[BaseException]] = []  # what the main thread's outermost call notes
 
 
 class Breach(Exception):  # noqa: N818 (it says what happened)
@@ -62,17 +63,29 @@ def _reason(raised: BaseException) -> str:
 def _signals() -> Iterator[list[BaseException]]:
     """Yields the exceptions that handlers of SIGINT and SIGTERM raise meanwhile.
 
-    Handlers run in the main thread alone, so that elsewhere there is nothing to tell apart.
+    Handlers run in the main thread alone, so that elsewhere there is nothing to tell apart. A call
+    within a call has the list of the outer one.
     """
+    if threading.current_thread() is not threading.main_thread():
+        yield []
+        return
+    if _in_progress:
+        yield _in_progress[0]
+        return
     raised: list[BaseException] = []
-    with ExitStack() as stack:
-        if threading.current_thread() is threading.main_thread():
-            for number in (signal.SIGINT, signal.SIGTERM):
-                handler = signal.getsignal(number)
-                if callable(handler):
-                    signal.signal(number, _noting(handler, raised))
-                    stack.callback(signal.signal, number, handler)
+    replaced: list[tuple[int, Callable[[int, FrameType | None], Any]]] = []
+    _in_progress.append(raised)
+    try:
+        for number in (signal.SIGINT, signal.SIGTERM):
+            handler = signal.getsignal(number)
+            if callable(handler):
+                replaced.append((number, handler))
+                signal.signal(number, _noting(handler, raised))
         yield raised
+    finally:
+        for replaced_number, own in replaced:
+            signal.signal(replaced_number, own)
+        _in_progress.clear()
 
 
 def _noting(

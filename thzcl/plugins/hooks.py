@@ -11,3 +11,9 @@ hookspec = pluggy.HookspecMarker("thzcl")
 def register_sensors() -> list[type]:
     """Returns the sensor classes of a module, each a subclass of thzcl.sensor.Sensor."""
     raise NotImplementedError
+
+
+@hookspec
+def register_constituents() -> list[type]:
+    """Returns a module's classes of constituents, subclasses of thzcl.constituent.Constituent."""
+    raise NotImplementedError

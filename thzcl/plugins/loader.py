@@ -5,7 +5,7 @@ A hook says what a kind of plugin must keep; built-ins and third parties' go the
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cache
 from importlib import import_module
@@ -32,6 +32,8 @@ class Hook:
     contracts: range  # the versions that are accepted; the last is today's
     members: Mapping[str, tuple[type, str]]  # attribute -> class that it derives from, its name
     built_ins: Mapping[str, str]  # name -> module
+    reserved: frozenset[str] = frozenset()  # names that no third party's plugin may have
+    also: Callable[[type], None] | None = None  # raises Breach for what else a class must keep
 
 
 @dataclass(frozen=True)
@@ -96,6 +98,8 @@ def describe(hook: Hook, source: Origin) -> str:
 
 def _imported(hook: Hook, source: Origin) -> type:
     """Imports a plugin's module and returns the class of the plugin's name, once it is checked."""
+    if source.name in hook.reserved and source.distribution != OWN:
+        raise Breach(f'"{source.name}" is a name that thzcl keeps for itself; choose another')
     manager = pluggy.PluginManager("thzcl")
     manager.add_hookspecs(hooks)
     manager.register(import_module(source.module), source.name)
@@ -127,3 +131,5 @@ def _check(hook: Hook, offered: Any) -> None:
     missing = sorted(getattr(offered, "__abstractmethods__", ()))
     if missing:
         raise Breach(f"it does not define {' and '.join(missing)}()")
+    if hook.also is not None:
+        hook.also(offered)

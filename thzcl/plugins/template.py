@@ -24,6 +24,8 @@ def write_package(hook: Hook, name: str, where: Path) -> Path:
             f'"{name}" cannot name a {hook.word}; '
             f"use small letters, digits and single hyphens, as in my-{hook.word}"
         )
+    if name in hook.reserved:
+        raise PluginError(f'"{name}" is a name that thzcl keeps for itself; choose another name')
     taken = [origin for origin in origins(hook) if origin.name == name]
     if taken:
         owner = taken[0].distribution

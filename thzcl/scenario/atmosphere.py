@@ -7,7 +7,9 @@ from typing import Annotated, ClassVar, Literal
 from pydantic import Field
 
 from thzcl.air import humidity as humidities
+from thzcl.air.constituents import Part
 from thzcl.air.mean import Air
+from thzcl.scenario.constituents import parts
 from thzcl.scenario.problems import Trouble
 from thzcl.scenario.table import Table, Vector, key
 
@@ -119,8 +121,13 @@ class Fluctuations(Table):
 
 
 class Atmosphere(Table):
-    """The mean air, and how it fluctuates."""
+    """The mean air, what is in it, and how it fluctuates.
 
+    Any other key is the name of a constituent, whose parameters stand in its table.
+    """
+
+    # A key may begin with model_, which pydantic would like to keep for itself.
+    model_config = Table.model_config | {"extra": "allow", "protected_namespaces": ()}
     exactly_one: ClassVar = (("relative_humidity_percent", "absolute_humidity_g_m3"),)
 
     temperature_k: AirKelvin = key(help="mean air temperature", unit="K")
@@ -131,24 +138,32 @@ class Atmosphere(Table):
     absolute_humidity_g_m3: float | None = key(
         None, ge=0, le=1e6, unit="g/m3", help="mean absolute humidity"
     )
-    model: Literal["mpm93", "mpm93-corrected", "none"] = key("mpm93", help="absorption model")
+    model: str = key("mpm93", help="gas that absorbs, as `thzcl constituents` lists them")
+    model_file: str | None = key(
+        None, min_length=1, help='NetCDF file of a model that is a table, as "table"'
+    )
     fluctuations: Fluctuations | None = key(
         None, help="turbulence; leave the table out for uniform air"
     )
 
     @property
     def air(self) -> Air:
-        """Returns the mean air."""
+        """Returns the mean air with its constituents, whose tables must be sound."""
+        tables = self.model_extra or {}
+        return self._holding(parts(self.model, self.model_file, tables))
+
+    def _holding(self, constituents: tuple[Part, ...]) -> Air:
+        """Returns air of the mean state."""
         grams = self.absolute_humidity_g_m3
         if grams is None:
             vapour = humidities.vapour_pressure_from_relative(
                 self.relative_humidity_percent, self.temperature_k
             )
             grams = float(humidities.absolute_humidity(vapour, self.temperature_k))
-        return Air(self.model, self.temperature_k, self.pressure_hpa, grams)
+        return Air(constituents, self.temperature_k, self.pressure_hpa, grams)
 
     def troubles(self) -> list[Trouble]:  # noqa: D102 (Table's)
-        vapour, total = self.air.vapour_pressure_hpa, self.pressure_hpa
+        vapour, total = self._holding(()).vapour_pressure_hpa, self.pressure_hpa
         if vapour <= total:
             return []
         names = ("relative_humidity_percent", "absolute_humidity_g_m3")

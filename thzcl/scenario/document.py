@@ -12,7 +12,8 @@ from typing import Any
 from thzcl.errors import ScenarioError
 from thzcl.files import inside
 from thzcl.plugins.names import suggest
-from thzcl.scenario import sensors
+from thzcl.scenario import constituents, sensors
+from thzcl.scenario.atmosphere import Atmosphere
 from thzcl.scenario.lines import line_numbers
 from thzcl.scenario.problems import Path as KeyPath
 from thzcl.scenario.problems import Trouble, shown, validate
@@ -179,6 +180,9 @@ def _scene(
     data = frozen(data)
     scene, found = validate(Scene, data)
     found += [trouble.below("sensor") for trouble in sensors.troubles(data.get("sensor"))]
+    keys = Atmosphere.model_fields
+    in_air = constituents.troubles(data.get("atmosphere"), keys["model"].default, keys)
+    found += [trouble.below("atmosphere") for trouble in in_air]
     changed = {_split(name): name for name in entry.set}
     return scene, troubles + [_in_variant(trouble, changed, at) for trouble in found]
 

@@ -1,45 +1,50 @@
-"""What is told of sensors and scenarios: manual pages, tables of parameters, the JSON Schema."""
+"""What is told of plugins and scenarios: manual pages, tables of parameters, the JSON Schema."""
 
 from __future__ import annotations
 
 import inspect
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any, get_args
 
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
+from thzcl.air.constituents import HOOK as CONSTITUENTS
+from thzcl.air.constituents import file_keys, gases
+from thzcl.constituent import Constituent
 from thzcl.errors import PluginError
 from thzcl.plugins import loader
 from thzcl.plugins.guard import call
-from thzcl.plugins.loader import Origin
+from thzcl.plugins.loader import Hook, Origin
 from thzcl.scenario.document import VariantTable
 from thzcl.scenario.problems import shown
 from thzcl.scenario.scene import Scene
-from thzcl.scenario.sensors import HOOK, describe, sensor_class
+from thzcl.scenario.sensors import HOOK as SENSORS
 from thzcl.sensor import Sensor
 
 ANY_SENSOR = "SensorTable"  # in the schema: a table of any kind of sensor
+IN_AIR = "atmosphere."  # before the names of constituents' tables there
 
 
-def summary(origin: Origin) -> str:
-    """Returns the first paragraph of a sensor's manual page, or what is wrong with the sensor."""
+def summary(hook: Hook, origin: Origin) -> str:
+    """Returns the first paragraph of a plugin's manual page, or what is wrong with the plugin."""
     try:
-        sensor = loader.load(HOOK, origin)
+        plugin = loader.load(hook, origin)
     except PluginError as error:
         return f"BROKEN: {error}"
-    return inspect.cleandoc(sensor.__doc__ or "").split("\n\n")[0].replace("\n", " ")
+    return inspect.cleandoc(plugin.__doc__ or "").split("\n\n")[0].replace("\n", " ")
 
 
-def manual(kind: str) -> tuple[str, list[list[str]]]:
-    """Returns a sensor's manual page, and a row for each of its parameters.
+def manual(hook: Hook, name: str) -> tuple[str, list[list[str]]]:
+    """Returns a plugin's manual page, and a row for each of its parameters.
 
     A row holds key, unit, default, limits and meaning. Raises PluginError, or PluginFailure.
     """
-    sensor = sensor_class(kind)
-    page = inspect.cleandoc(sensor.__doc__ or "")
-    rows = call(describe(kind), _parameter_rows, sensor.Params, "")
-    return f"{kind}\n{'=' * len(kind)}\n\n{page}", rows
+    plugin: Any = loader.find(hook, name)
+    page = inspect.cleandoc(plugin.__doc__ or "")
+    owner = loader.describe(hook, loader.origin(hook, name))
+    rows = call(owner, _parameter_rows, plugin.Params, "")
+    return f"{name}\n{'=' * len(name)}\n\n{page}", rows
 
 
 def _parameter_rows(table: type[BaseModel], prefix: str) -> list[list[str]]:
@@ -85,35 +90,61 @@ def _limits(field: FieldInfo) -> str:
 
 
 def scenario_schema() -> dict[str, Any]:
-    """Returns the JSON Schema of a scenario, the sensors' parameters and [[variants]] included."""
+    """Returns the JSON Schema of a scenario, the plugins' parameters and [[variants]] included."""
     schema = Scene.model_json_schema()
     definitions = schema["$defs"]
-    choices = []
-    for origin in loader.origins(HOOK):
-        try:
-            sensor = loader.load(HOOK, origin)
-            owner = loader.describe(HOOK, origin)
-            definitions[origin.name] = call(
-                owner, _sensor_schema, sensor, origin.name, error=PluginError
-            )
-        except PluginError:
-            continue  # a broken plugin breaks no editor
-        choices.append({"$ref": f"#/$defs/{origin.name}"})
-    definitions[ANY_SENSOR] = {"oneOf": choices}
+    sensors = _plugin_schemas(SENSORS, _sensor_schema)
+    definitions |= sensors
+    definitions[ANY_SENSOR] = {"oneOf": [{"$ref": f"#/$defs/{name}"} for name in sensors]}
     schema["properties"]["sensor"] = {"$ref": f"#/$defs/{ANY_SENSOR}"}
+    in_air = _plugin_schemas(CONSTITUENTS, _constituent_schema)
+    definitions |= in_air
+    atmosphere = definitions["Atmosphere"]
+    tables = {name.removeprefix(IN_AIR): {"$ref": f"#/$defs/{name}"} for name in in_air}
+    atmosphere["properties"] |= tables
+    atmosphere["properties"]["model"]["enum"] = gases()
+    atmosphere["additionalProperties"] = False
     schema["properties"]["variants"] = {"type": "array", "items": VariantTable.model_json_schema()}
     schema["$schema"] = "https://json-schema.org/draft/2020-12/schema"
     schema["title"] = "thzcl scenario"
     return schema
 
 
-def _sensor_schema(sensor: type[Sensor], kind: str) -> dict[str, Any]:
+def _plugin_schemas(
+    hook: Hook, schema_of: Callable[[Any, str], tuple[str, dict[str, Any]]]
+) -> dict[str, Any]:
+    """Returns the JSON Schemas of plugins' tables by their names among the definitions."""
+    found = {}
+    for origin in loader.origins(hook):
+        try:
+            plugin = loader.load(hook, origin)
+            owner = loader.describe(hook, origin)
+            name, schema = call(owner, schema_of, plugin, origin.name, error=PluginError)
+        except PluginError:
+            continue  # a broken plugin breaks no editor
+        found[name] = schema
+    return found
+
+
+def _sensor_schema(sensor: type[Sensor], kind: str) -> tuple[str, dict[str, Any]]:
     """Returns the JSON Schema of a sensor's table, that of its detector included."""
-    template = f"#/$defs/{kind}/$defs/{{model}}"
-    schema: dict[str, Any] = sensor.Params.model_json_schema(ref_template=template)
+    schema = _table_schema(sensor.Params, kind)
     own: dict[str, Any] = {"kind": {"const": kind}}
     if sensor.wraps:
         own["detector"] = {"$ref": f"#/$defs/{ANY_SENSOR}"}
     schema["properties"] = own | schema.get("properties", {})
     schema["required"] = [*own, *schema.get("required", [])]
-    return schema
+    return kind, schema
+
+
+def _constituent_schema(constituent: type[Constituent], name: str) -> tuple[str, dict[str, Any]]:
+    """Returns the JSON Schema of a constituent's table; model_file may stand for a gas' file."""
+    schema = _table_schema(constituent.Params, IN_AIR + name)
+    by_model_file = file_keys(constituent.Params)[:1] if constituent.gas else []
+    required = [key for key in schema.get("required", []) if key not in by_model_file]
+    return IN_AIR + name, schema | {"required": required}
+
+
+def _table_schema(table: type[BaseModel], name: str) -> dict[str, Any]:
+    """Returns the JSON Schema of a table that stands among the definitions under a name."""
+    return table.model_json_schema(ref_template=f"#/$defs/{name}/$defs/{{model}}")

@@ -8,7 +8,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from thzcl.errors import PluginError, ScenarioError
+from thzcl.errors import PluginError, PluginFailure, RangeError, ScenarioError
 from thzcl.plugins import guard, loader
 from thzcl.plugins.loader import Hook
 from thzcl.scenario import answers
@@ -83,10 +83,14 @@ def ask_needs(sensor: Sensor, view: View) -> Needs:
     """Returns what a sensor asks for, checked, with float64 arrays of its own.
 
     Raises ScenarioError for a ValueError of the sensor's: its parameters and the view do not fit.
-    Raises PluginFailure for whatever else it raises, and for needs that make no sense.
+    Raises PluginFailure for whatever else it raises, and for needs that make no sense. What the
+    air's constituents raise, RangeError among it, comes through as it is.
     """
+    let = ValueError, PluginError, PluginFailure
     try:
-        needs = guard.call(_owner(sensor), sensor.needs, _read_only(view), let=(ValueError,))
+        needs = guard.call(_owner(sensor), sensor.needs, _read_only(view), let=let)
+    except RangeError:
+        raise
     except ValueError as error:
         raise ScenarioError([f"[sensor] {error}"]) from error
     return guard.call(_owner(sensor), answers.needs, needs, view.pixels)

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache
 from typing import Protocol
 
 import numpy as np
@@ -19,6 +20,7 @@ from thzcl.errors import FileError
 
 Array = NDArray[np.float64]
 
+HIGHEST_GHZ = 100_000.0  # where the thermal infrared begins; no frequency in Hz is as low
 TOLERANCE = 1e-5  # of the radiance that the shortest path lets through
 _POINTS = 7  # of the rule on each part of the band
 _DEEPEST = 24  # halvings, which make parts of 6 kHz out of 100 GHz
@@ -74,13 +76,13 @@ class Quadrature:
 def named(shape: str, center_hz: float, width_hz: float) -> Band:
     """Returns a "flat" band, or a "gaussian" one whose width is that at half maximum.
 
-    Raises ValueError for a band that is not within 0 to 1780 GHz.
+    Raises ValueError for a band that is not within 0 to HIGHEST_GHZ.
     """
     half = width_hz / 2 if shape == "flat" else _GAUSSIAN_WIDTHS * width_hz
-    if not 0 < center_hz - half < center_hz + half <= 1780e9:
+    if not 0 < center_hz - half < center_hz + half <= HIGHEST_GHZ * 1e9:
         raise ValueError(
             f"center_ghz and bandwidth_ghz make a band of {(center_hz - half) / 1e9:g} to "
-            f"{(center_hz + half) / 1e9:g} GHz; it must lie above 0 and up to 1780 GHz"
+            f"{(center_hz + half) / 1e9:g} GHz; it must lie above 0 and up to {HIGHEST_GHZ:g} GHz"
         )
     if shape == "flat":
         return Band(center_hz - half, center_hz + half, np.ones_like)
@@ -104,8 +106,8 @@ def tabulated(table: Array, name: str) -> Band:
     ghz, response = table.T
     if not (np.diff(ghz) > 0).all():
         raise FileError(f"{name}: its frequencies do not ascend; sort them, and give each once")
-    if ghz[0] <= 0 or ghz[-1] > 1780:
-        raise FileError(f"{name}: its frequencies must lie above 0 and up to 1780 GHz")
+    if ghz[0] <= 0 or ghz[-1] > HIGHEST_GHZ:
+        raise FileError(f"{name}: its frequencies must lie above 0 and up to {HIGHEST_GHZ:g} GHz")
     if not (np.isfinite(response).all() and response.min() >= 0 and response.max() > 0):
         raise FileError(f"{name}: its response must be at least 0, and above 0 somewhere")
     return Band(
@@ -218,9 +220,16 @@ def _parts(band: Band, sight: Sight, low: Array, high: Array) -> Array:
 
 def _rule(low: Array, high: Array) -> tuple[Array, Array]:
     """Returns Gauss-Legendre frequencies and weights in Hz on each part, both (part, point)."""
-    x, w = np.polynomial.legendre.leggauss(_POINTS)
+    x, w = _nodes()
     middle, half = (low + high)[:, None] / 2, (high - low)[:, None] / 2
     return middle + half * x, half * w
+
+
+@cache
+def _nodes() -> tuple[Array, Array]:
+    """Returns nodes and weights of Gauss and Legendre's rule from -1 to 1."""
+    x, w = np.polynomial.legendre.leggauss(_POINTS)
+    return x, w
 
 
 def _integrand(sight: Sight, frequency_hz: Array) -> Array:

@@ -1,30 +1,24 @@
-"""Variables of NetCDF-4 files, as the CF conventions (1.11) say how to read them.
+"""Cubes in NetCDF-4 files: how a variable of three dimensions lies in the world.
 
-Units (section 3.1), packing (8.1), missing values (2.5.1), and axes by the names and coordinates of
-their dimensions (chapters 4 and 5). What is not understood is refused, never guessed.
+Axes are known by the names and coordinates of their dimensions (CF conventions 1.11, chapters 4
+and 5). What is not understood is refused, never guessed.
 """
 
 from __future__ import annotations
 
 import re
-import unicodedata
-from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from thzcl.air.cf import Array, Quantity, dimension, text, values_of
 from thzcl.errors import FileError
 
 if TYPE_CHECKING:
     import h5py
 
-Array = NDArray[Any]
-
 AXES = "zyx"  # the order in which cubes are returned
 UNEVEN = 0.01  # of a step, by which steps of a coordinate may differ
-UNWRITTEN = 9.969209968386869e36  # what the NetCDF library fills numbers with a fraction with
 _AXIS = re.compile(r"([xyz])[a-z]?\d*(_.*)?")  # x, xt, x_voxel, zu_3d
 _NAMELESS = re.compile(r"((phony_)?dim_?\d+)?")  # what libraries call a dimension without a name
 _BARE_DIMENSION = "This is a netCDF dimension but not a netCDF variable"
@@ -32,22 +26,6 @@ _METRES = {
     **dict.fromkeys(("m", "metre", "metres", "meter", "meters"), 1.0),
     **dict.fromkeys(("km", "kilometre", "kilometres", "kilometer", "kilometers"), 1e3),
 }
-
-
-@dataclass(frozen=True)
-class Quantity:
-    """What a variable is to hold: its name, its unit, other units' worth in it, and its limits.
-
-    `units` gives factor and offset to `unit` by name, without blanks and signs of powers; `known`
-    is what messages call them.
-    """
-
-    name: str
-    unit: str
-    units: Mapping[str, tuple[float, float]]
-    known: str
-    least: float
-    most: float
 
 
 class Volume(NamedTuple):
@@ -61,25 +39,6 @@ class Volume(NamedTuple):
     notes: tuple[str, ...]
 
 
-def dataset(place: str, file: h5py.File, name: str) -> h5py.Dataset | None:
-    """Returns the variable of that name, or None if there is none.
-
-    Raises FileError for one that holds no numbers, or keeps them in another file.
-    """
-    import h5py
-
-    if name not in list(file):
-        return None
-    found = file[name]
-    if found.file != file:
-        raise FileError(f"{place}: {name} is a link to another file; copy the values in")
-    if not isinstance(found, h5py.Dataset) or found.shape is None or found.dtype.kind not in "fiu":
-        raise FileError(f"{place}: {name} holds no numbers; store it as an array of numbers")
-    if found.is_virtual or found.external:
-        raise FileError(f"{place}: {name} has its values in other files; copy them in")
-    return found
-
-
 def read(place: str, variable: h5py.Dataset, quantity: Quantity) -> Volume:
     """Returns a variable of three dimensions, upright and in its quantity's unit.
 
@@ -87,8 +46,7 @@ def read(place: str, variable: h5py.Dataset, quantity: Quantity) -> Volume:
     or outside of the quantity's limits.
     """
     place = f"{place}: {quantity.name}"
-    values, notes = _values(place, variable, quantity)
-    _check_limits(place, values, quantity)
+    values, notes = values_of(place, variable, quantity)
     order, more = _order(place, variable)
     steps = [_step(place, variable, axis) for axis in order]
     ahead = tuple(slice(None, None, -1 if step < 0 else 1) for step, _ in steps)
@@ -96,123 +54,9 @@ def read(place: str, variable: h5py.Dataset, quantity: Quantity) -> Volume:
     return Volume(values.transpose(order)[ahead], metres, notes + more)
 
 
-def number(place: str, variable: h5py.Dataset, name: str) -> float | None:
-    """Returns the number that an attribute holds, or None if it is absent. Raises FileError."""
-    found = _numbers(place, variable, name)
-    if found is None:
-        return None
-    if found.size != 1 or not np.isfinite(found).all():
-        raise FileError(f"{place}: its attribute {name} is {found.tolist()}; give one number")
-    return float(found[0])
-
-
-def _numbers(place: str, variable: h5py.Dataset, name: str) -> Array | None:
-    """Returns the numbers of an attribute, (n,), or None if it is absent. Raises FileError."""
-    if name not in variable.attrs:
-        return None
-    found = np.asarray(variable.attrs[name]).reshape(-1)
-    if found.dtype.kind not in "fiu" or not found.size:
-        raise FileError(f"{place}: its attribute {name} is not a number; give it as one")
-    return found
-
-
-def _text(holder: h5py.Dataset, name: str) -> str:
-    """Returns the text of an attribute, empty if it is absent."""
-    import h5py
-
-    found = holder.attrs.get(name, "")
-    if isinstance(found, np.ndarray) and found.size == 1:
-        found = found.reshape(-1)[0]
-    if isinstance(found, bytes):
-        return found.decode("utf-8", "replace").strip()
-    return "" if isinstance(found, h5py.Empty) else str(found).strip()
-
-
-def _values(
-    place: str, variable: h5py.Dataset, quantity: Quantity
-) -> tuple[Array, tuple[str, ...]]:
-    """Returns unpacked values in the quantity's unit, as they lie in the file, and notes."""
-    factor, offset, notes = _unit(place, variable, quantity)
-    scale = number(place, variable, "scale_factor")
-    shift = number(place, variable, "add_offset")
-    values = np.asarray(variable[...])
-    missing = _missing(place, variable, values)
-    if missing.any():
-        raise FileError(
-            f"{place}: {_count(missing)} missing (not finite, fill, or out of the valid range); "
-            "fill the gaps, or cut out a cube without any"
-        )
-    if scale is not None or shift is not None:
-        values = values.astype(np.float64) * (1.0 if scale is None else scale) + (shift or 0.0)
-    if (factor, offset) != (1.0, 0.0):
-        values = values.astype(np.float64) * factor + offset
-    return values, notes
-
-
-def _unit(
-    place: str, variable: h5py.Dataset, quantity: Quantity
-) -> tuple[float, float, tuple[str, ...]]:
-    """Returns factor and offset to the quantity's unit, and a note where none is given."""
-    given = _text(variable, "units")
-    if not given:
-        note = f'{place} has no units and was taken to be in {quantity.unit}; give it "units"'
-        return 1.0, 0.0, (note,)
-    plain = unicodedata.normalize("NFKC", given).replace("\N{MINUS SIGN}", "-")
-    found = quantity.units.get(re.sub(r"[\s.*^·_]", "", plain))
-    if found is None:
-        raise FileError(
-            f'{place}: units "{given[:40]}" are not known; convert it to {quantity.known}, '
-            "and name that in units"
-        )
-    return *found, ()
-
-
-def _missing(place: str, variable: h5py.Dataset, values: Array) -> NDArray[np.bool_]:
-    """Returns where values are missing; values and attributes are as packed."""
-    with np.errstate(invalid="ignore", over="ignore"):
-        missing = np.isnan(values)
-        fills = [_numbers(place, variable, name) for name in ("_FillValue", "missing_value")]
-        if fills[0] is None and values.dtype.kind == "f":
-            fills[0] = np.array([UNWRITTEN])
-        for fill in (fill for given in fills if given is not None for fill in given):
-            missing |= values == fill
-            if values.dtype.kind == "f":  # as it is in the file, it may have fewer digits
-                missing |= values == fill.astype(values.dtype)
-        valid = _numbers(place, variable, "valid_range")
-        low, high = (_numbers(place, variable, name) for name in ("valid_min", "valid_max"))
-    if valid is not None and valid.size == 2:
-        low, high = valid[:1], valid[1:]
-    if low is not None:
-        missing |= values < low[0]
-    if high is not None:
-        missing |= values > high[0]
-    return missing
-
-
-def _check_limits(place: str, values: Array, quantity: Quantity) -> None:
-    low, high = values.min(), values.max()
-    if quantity.least <= low and high <= quantity.most:  # which NaN never passes
-        return
-    limit = f"{quantity.unit}; are the units right?"
-    for wrong, text in (
-        (~np.isfinite(values), "not finite; mend them"),
-        (values < 0, f"negative, the lowest {low:g}; mend them"),
-        (values < quantity.least, f"below {quantity.least:g} {limit}"),
-        (values > quantity.most, f"above {quantity.most:g} {limit}"),
-    ):
-        if wrong.any():
-            raise FileError(f"{place}: {_count(wrong)} {text}")
-
-
-def _count(wrong: NDArray[np.bool_]) -> str:
-    """Returns how many values are so, of how many, and the index of the first."""
-    first = ", ".join(map(str, np.argwhere(wrong)[0]))
-    return f"{np.count_nonzero(wrong)} of {wrong.size} values (the first at [{first}]) are"
-
-
 def _order(place: str, variable: h5py.Dataset) -> tuple[list[int], tuple[str, ...]]:
     """Returns the axes in the file of z, y and x, and a note where they have no names."""
-    names = [_dimension(variable, axis)[0] for axis in range(len(AXES))]
+    names = [dimension(variable, axis)[0] for axis in range(len(AXES))]
     told = [_AXIS.fullmatch(name.lower()) for name in names]
     letters = [match[1] if match else "" for match in told]
     if sorted(letters) == sorted(AXES):
@@ -227,26 +71,18 @@ def _order(place: str, variable: h5py.Dataset) -> tuple[list[int], tuple[str, ..
     )
 
 
-def _dimension(variable: h5py.Dataset, axis: int) -> tuple[str, h5py.Dataset | None]:
-    """Returns the name of an axis' dimension, empty if it has none, and its scale."""
-    scales = list(variable.dims[axis].values())
-    if not scales:
-        return str(variable.dims[axis].label), None
-    return str(scales[0].name or "").rsplit("/", 1)[-1], scales[0]
-
-
 def _step(place: str, variable: h5py.Dataset, axis: int) -> tuple[float, float | None]:
     """Returns the step of an axis' coordinate, and its unit in metres if that is one of length.
 
     A step is negative where the coordinate descends, or counts downwards; it is 1 without a
     coordinate. Raises FileError where steps differ.
     """
-    name, scale = _dimension(variable, axis)
-    if scale is None or _text(scale, "NAME").startswith(_BARE_DIMENSION):
+    name, scale = dimension(variable, axis)
+    if scale is None or text(scale, "NAME").startswith(_BARE_DIMENSION):
         return 1.0, None
     if scale.shape != (variable.shape[axis],) or scale.dtype.kind not in "fiu":
         raise FileError(f"{place}: its coordinate {name} is not a row of numbers; mend or drop it")
-    unit = _text(scale, "units")
+    unit = text(scale, "units")
     if unit not in ("", "1", *_METRES):
         raise FileError(f'{place}: its coordinate {name} is in "{unit}"; give it in m')
     along = np.asarray(scale[...])
@@ -258,4 +94,4 @@ def _step(place: str, variable: h5py.Dataset, axis: int) -> tuple[float, float |
             f"{place}: its coordinate {name} has steps of {steps.min():g} to {steps.max():g}; "
             "interpolate to even steps"
         )
-    return (-mean if _text(scale, "positive") == "down" else mean), _METRES.get(unit)
+    return (-mean if text(scale, "positive") == "down" else mean), _METRES.get(unit)

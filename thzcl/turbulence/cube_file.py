@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from thzcl.air.cf import Quantity, dataset, number
 from thzcl.errors import FileError
 from thzcl.files import CUBE, digest, open_netcdf
 from thzcl.turbulence import cf, orientation
@@ -32,7 +33,7 @@ SAME_MEAN = 0.01  # relative: means of cube and scene that need no note
 # stays well within float32 (3e38).
 MOST_RATIO = 1e4
 
-HUMIDITY = cf.Quantity(
+HUMIDITY = Quantity(
     "absolute_humidity",
     "g/m3",
     {
@@ -47,7 +48,7 @@ HUMIDITY = cf.Quantity(
     0.0,
     4334.0,  # 2000 hPa of vapour at 100 K, as far as the keys of [atmosphere] go
 )
-TEMPERATURE = cf.Quantity(
+TEMPERATURE = Quantity(
     "air_temperature",
     "K",
     {
@@ -156,19 +157,19 @@ def refuse_zero_mean(cube: CubeFile, mean_g_m3: float) -> None:
 def _load(path: Path) -> _Content:
     """Reads and checks a file. Raises FileError."""
     with open_netcdf(path, CUBE) as file:
-        humidity = cf.dataset(str(path), file, HUMIDITY.name)
+        humidity = dataset(str(path), file, HUMIDITY.name)
         if humidity is None:
             raise FileError(
                 f"{path}: has no variable absolute_humidity(z, y, x); rename or convert yours"
             )
         _check_shape(path, humidity)
-        temperature = cf.dataset(str(path), file, TEMPERATURE.name)
+        temperature = dataset(str(path), file, TEMPERATURE.name)
         if temperature is not None and temperature.shape != humidity.shape:
             raise FileError(
                 f"{path}: air_temperature has shape {temperature.shape}, absolute_humidity "
                 f"{humidity.shape}; they must agree"
             )
-        voxel_m = cf.number(f"{path}: absolute_humidity", humidity, "voxel_m")
+        voxel_m = number(f"{path}: absolute_humidity", humidity, "voxel_m")
         warmth = None if temperature is None else cf.read(str(path), temperature, TEMPERATURE)
         content = cf.read(str(path), humidity, HUMIDITY)
         return _Content(

@@ -1,0 +1,143 @@
+"""What constituents say and answer, held to their contract before anybody relies on it."""
+
+from __future__ import annotations
+
+import math
+import sys
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from thzcl.air.validity import ROUNDING, UNITS
+from thzcl.constituent import Constituent, OpticalProperties, Span
+from thzcl.plugins.guard import Breach
+
+Array = NDArray[np.float64]
+SAME_SUM = 1e-9  # relative: parts that sum up to the absorption
+_ZERO = np.zeros(())
+
+
+def check_class(kind: Any) -> None:
+    """Raises Breach if what a class says of itself breaks the contract.
+
+    What is a property is known only once there is an object.
+    """
+    if not isinstance(kind.gas, bool):
+        raise Breach(f"its gas is {kind.gas!r}, not True or False")
+    if isinstance(kind.varies, property) or isinstance(kind.valid, property):
+        return
+    _claims(kind.varies, kind.valid)
+
+
+def claims(constituent: Constituent) -> tuple[bool, tuple[Span, ...]]:
+    """Returns whether a constituent varies with the air, and where it is valid. Raises Breach."""
+    return _claims(constituent.varies, constituent.valid)
+
+
+def _claims(varies: Any, valid: Any) -> tuple[bool, tuple[Span, ...]]:
+    if not isinstance(varies, bool):
+        raise Breach(f"its varies is {varies!r}, not True or False")
+    if not isinstance(valid, tuple) or not all(isinstance(span, Span) for span in valid):
+        raise Breach("its valid is not a tuple of thzcl.constituent.Span")
+    for span in valid:
+        bounds = span.least, span.most, *(span.warn or (span.least, span.most))
+        numbers = len(bounds) == 4 and all(isinstance(bound, int | float) for bound in bounds)
+        if span.quantity not in UNITS or not numbers or not span.least <= span.most:
+            raise Breach(f"its {span} is no range of {', '.join(UNITS)}")
+    return varies, valid
+
+
+def checked(answer: Any, shape: tuple[int, ...]) -> OpticalProperties:
+    """Returns an answer of optics() as float64 arrays of the state's shape. Raises Breach.
+
+    Its parts, which few ask for, are left as they are: see `parts`.
+    """
+    if not isinstance(answer, OpticalProperties):
+        raise Breach(f"optics() returned {type(answer).__name__} instead of OpticalProperties")
+    absorption = _positive(answer.absorption, "absorption", shape, "1/m")
+    own = answer.temperature_k
+    return OpticalProperties(
+        absorption,
+        scattering=_positive(answer.scattering, "scattering", shape, "1/m"),
+        backscatter=_positive(answer.backscatter, "backscatter", shape, "1/m/sr"),
+        temperature_k=None if own is None else _shaped(own, "temperature_k", shape),
+        parts=answer.parts,
+    )
+
+
+def unfollowed(found: OpticalProperties, air_k: Array) -> str | None:
+    """Returns what of some optics thzcl does not follow, in words; None where it follows all."""
+    if np.any(found.scattering) or np.any(found.backscatter):
+        return "it scatters, and only what absorbs is followed yet"
+    own = found.temperature_k
+    if own is not None and not np.allclose(own, air_k, rtol=ROUNDING, atol=0):
+        return "it has a temperature of its own, and only the air's is followed yet"
+    return None
+
+
+def parts(found: OpticalProperties) -> dict[str, Array]:
+    """Returns the parts of a checked absorption by name; none if there are none. Raises Breach."""
+    given, absorption = found.parts, np.asarray(found.absorption)
+    if given is None:
+        return {}
+    if not isinstance(given, Mapping):
+        raise Breach("optics() returned parts that are not arrays by name")
+    apart, known = -absorption, {}
+    for name, part in given.items():
+        known[str(name)] = _shaped(part, f"part {name!r}", absorption.shape)
+        apart = apart + known[str(name)]
+    if not (np.abs(apart) <= SAME_SUM * absorption).all():
+        raise Breach("optics() returned parts that do not sum up to the absorption")
+    return known
+
+
+def _positive(given: Any, what: str, shape: tuple[int, ...], unit: str) -> Array:
+    """Returns a coefficient, which is finite and at least 0."""
+    if isinstance(given, float) and given == 0.0:  # as most have it
+        return _ZERO
+    values = _numbers(given, what)
+    if values.size:
+        low, high = values.min(), values.max()
+        if not -math.inf < low <= high < math.inf:
+            raise Breach(f"optics() returned {what} with values that are not finite")
+        if low < 0:
+            raise Breach(f"optics() returned negative {what}: {low:g} {unit}")
+    return _shaped(values, what, shape)
+
+
+def _shaped(given: Any, what: str, shape: tuple[int, ...]) -> Array:
+    values = _numbers(given, what)
+    if values.shape == shape:
+        return values
+    try:
+        return np.broadcast_to(values, shape)
+    except ValueError:
+        text = f"optics() returned {what} of shape {values.shape}; the state has {shape}"
+        raise Breach(text) from None
+
+
+def _numbers(given: Any, what: str) -> Array:
+    try:
+        values = np.asarray(given)
+    except ValueError:  # lists of unlike lengths
+        values = np.asarray(None)
+    masks = sys.modules.get("numpy.ma")  # whose import takes longer than a plan
+    if values.dtype.kind not in "fiu" or (masks and masks.is_masked(given)):
+        raise Breach(f"optics() returned {what} that is not made of numbers")
+    return values.astype(np.float64, copy=False)
+
+
+def checked_lines(answer: Any) -> tuple[Array, float]:
+    """Returns an answer of lines(): positions and width in Hz. Raises Breach."""
+    if not isinstance(answer, tuple) or len(answer) != 2:
+        raise Breach("lines() did not return positions and a width")
+    given, width = answer
+    positions = _numbers(given, "lines") if np.size(given) else np.empty(0)
+    ascending = positions.ndim == 1 and (np.diff(positions) >= 0).all()
+    if not ascending or not np.isfinite(positions).all():
+        raise Breach("lines() returned positions that are not a list of ascending numbers in Hz")
+    if not isinstance(width, int | float | np.number) or not width > 0:
+        raise Breach(f"lines() returned {width!r} as width, not a number above 0 in Hz")
+    return positions, float(width)

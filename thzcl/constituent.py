@@ -1,0 +1,197 @@
+"""What is in the air: the public contract between thzcl and its constituents, version 1.
+
+A constituent is a class with a `name`, the version of the `contract` it was written for, its
+parameters `Params`, a manual page as docstring, and `optics()`:
+
+    from thzcl.constituent import Constituent, OpticalProperties, Parameters, hookimpl, parameter
+
+    class Dust(Constituent):
+        \"\"\"Grey dust.\"\"\"
+
+        name = "dust"
+        contract = 1
+        varies = False
+
+        class Params(Parameters):
+            per_km: float = parameter(0.5, ge=0, unit="1/km", help="absorption")
+
+        def optics(self, frequency_hz, temperature_k, pressure_hpa, vapour_hpa):
+            return OpticalProperties(absorption=self.params.per_km / 1e3)
+
+    @hookimpl
+    def register_constituents():
+        return [Dust]
+
+A scene puts it into its air with a table [atmosphere.dust], whatever gas `model` chooses. A
+constituent marked `gas = True` is one that `model` chooses. It never sees OpenCL, files or the
+scene: it is a pure function of frequency and state, in float64. `thzcl new-constituent NAME` writes
+a package around such a class that can be installed as it is.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, ClassVar, Literal, NamedTuple
+
+import numpy as np
+import pluggy
+from numpy.typing import ArrayLike, NDArray
+from pydantic import Field, GetCoreSchemaHandler
+from pydantic_core import CoreSchema, core_schema
+
+from thzcl.scenario.table import Table as Parameters
+from thzcl.scenario.table import key as parameter
+
+__all__ = [
+    "CONTRACT",
+    "Constituent",
+    "File",
+    "Grid",
+    "OpticalProperties",
+    "Parameters",
+    "Span",
+    "file_parameter",
+    "hookimpl",
+    "parameter",
+]
+
+CONTRACT = 1
+Array = NDArray[np.float64]
+hookimpl = pluggy.HookimplMarker("thzcl")
+
+# Keys of [atmosphere], and constituents that thzcl is going to bring along.
+RESERVED_NAMES = frozenset(
+    {
+        *("temperature_k", "pressure_hpa", "relative_humidity_percent", "absolute_humidity_g_m3"),
+        *("model", "model_file", "compare", "fluctuations", "profile", "rain", "fog", "snow"),
+    }
+)
+
+
+@dataclass(frozen=True)
+class OpticalProperties:
+    """What a constituent does to light: numbers, or arrays that broadcast with the arguments.
+
+    `absorption` and `scattering` are coefficients of power in 1/m, `backscatter` is in 1/m/sr.
+    `legendre` holds the moments of the phase function, the means of P_l over it, along its first
+    axis. `temperature_k` is that of the constituent, where it is not the air's. `parts` splits the
+    absorption up by name, as into that of dry air and of vapour.
+
+    Only `absorption` is computed with as yet: a constituent that scatters, or has a temperature of
+    its own, is refused.
+    """
+
+    absorption: ArrayLike
+    scattering: ArrayLike = 0.0
+    legendre: ArrayLike | None = None
+    backscatter: ArrayLike = 0.0
+    temperature_k: ArrayLike | None = None
+    parts: Mapping[str, ArrayLike] | None = None
+
+
+class Span(NamedTuple):
+    """A range in which a constituent is valid, its ends included.
+
+    `words` say what ends there. Outside of `warn`, where that is given, users are told that the
+    absorption is an extrapolation. A value that misses an end by a billionth of it counts as
+    inside.
+    """
+
+    quantity: Literal["frequency_ghz", "temperature_k", "pressure_hpa", "vapour_hpa"]
+    least: float
+    most: float
+    words: str = ""
+    warn: tuple[float, float] | None = None
+
+
+@dataclass(frozen=True)
+class Grid:
+    """What a NetCDF-4 file holds for a constituent: a variable over axes, all with their units.
+
+    `axes` are the names of the variable's dimensions with the units in which their coordinates
+    arrive, in the order in which the array arrives; `attributes` are numbers that the variable or
+    else the file carries as attributes of these names. Values outside of `least` to `most` are
+    refused, in the unit in which they arrive.
+    """
+
+    variable: str
+    unit: str
+    axes: tuple[tuple[str, str], ...]
+    attributes: tuple[str, ...] = ()
+    least: float = -np.inf
+    most: float = np.inf
+
+    def __call__(self, schema: dict[str, Any]) -> None:
+        """Adds nothing to a parameter's JSON Schema, in which it is a text."""
+
+
+@dataclass(frozen=True)
+class File:
+    """A file among the parameters of a constituent, named by its path from the scenario's folder.
+
+    What the constituent's `params` hold has been read: `arrays` are those of the parameter's Grid
+    by name, variable and axes, in its units, float64 and read-only; `attributes` its numbers.
+    """
+
+    name: str
+    path: Path | None = None
+    digest: str = ""  # SHA-256 of the file's bytes
+    arrays: Mapping[str, Array] = field(default_factory=dict, compare=False, repr=False)
+    attributes: Mapping[str, float] = field(default_factory=dict, compare=False, repr=False)
+
+    @classmethod
+    def __get_pydantic_core_schema__(cls, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
+        """Returns how a text, as it stands in TOML, becomes a file."""
+        del source, handler
+        text = core_schema.str_schema(strict=True, min_length=1)
+        return core_schema.no_info_after_validator_function(cls, text)
+
+
+def file_parameter(holds: Grid, default: Any = ..., *, help: str) -> Any:  # noqa: A002
+    """Returns a parameter that names a NetCDF-4 file: what that holds, and what it means.
+
+    The parameter's type is File, or `File | None` with a default of None.
+    """
+    return Field(default, description=help, json_schema_extra=holds)
+
+
+class Constituent(ABC):
+    """Base of every constituent; `params` holds its validated table.
+
+    `varies` says whether the optics depend on temperature or humidity: what does not costs no path
+    moment, and is asked for the mean air alone. `gas` marks what [atmosphere] `model` chooses
+    among. `valid` holds the ranges in which the optics may be asked for; it may be a property.
+    """
+
+    name: ClassVar[str]
+    contract: ClassVar[int]
+    Params: ClassVar[type[Parameters]]
+    varies: bool = True
+    gas: ClassVar[bool] = False
+    valid: tuple[Span, ...] = ()
+
+    def __init__(self, params: Any) -> None:
+        self.params = params
+
+    @abstractmethod
+    def optics(
+        self, frequency_hz: Array, temperature_k: Array, pressure_hpa: Array, vapour_hpa: Array
+    ) -> OpticalProperties:
+        """Returns the optics at frequencies above 0 and states of the air, all of which broadcast.
+
+        `pressure_hpa` is the total pressure, vapour included. The arrays are read-only, and not
+        spread out to their common shape: what depends on a few of them is computed once.
+        """
+
+    def lines(
+        self, temperature_k: float, pressure_hpa: float, vapour_hpa: float
+    ) -> tuple[ArrayLike, float]:
+        """Returns where spectral lines stand, in Hz, ascending, and about how wide they are, in Hz.
+
+        Sums over a band look for lines there that they could not see otherwise.
+        """
+        del temperature_k, pressure_hpa, vapour_hpa
+        return (), np.inf
