@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import platform
 import sys
+from functools import cache
 from importlib.metadata import version
 
 VERSION = "0.1.0"
@@ -15,4 +16,10 @@ def versions() -> dict[str, str]:
     own = {"thzcl": VERSION, "python": platform.python_version()}
     # A loaded package knows its version; the metadata of others take milliseconds to find.
     loaded = {name: getattr(sys.modules.get(name), "__version__", None) for name in PACKAGES}
-    return own | {name: known or version(name) for name, known in loaded.items()}
+    return own | {name: known or _installed(name) for name, known in loaded.items()}
+
+
+@cache
+def _installed(name: str) -> str:
+    """Returns the version of an installed package by its metadata."""
+    return version(name)
