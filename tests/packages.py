@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 import subprocess
 import sys
 
@@ -28,9 +29,14 @@ def register_constituents(): return [Odd]
 
 
 def install(package, folder):
-    """Installs a package by pip into a folder. Returns the environment for a process."""
+    """Installs a package by pip into a folder. Returns the environment for a process.
+
+    It is built in a copy, since builds leave files behind, and tests run beside each other.
+    """
+    copy = folder.parent / f"{folder.name}-build"
+    shutil.copytree(package, copy, ignore=shutil.ignore_patterns("build", "*.egg-info"))
     command = [sys.executable, "-m", "pip", "install", "--quiet", "--no-deps", "--target"]
-    subprocess.run([*command, str(folder), str(package)], check=True, capture_output=True)
+    subprocess.run([*command, str(folder), str(copy)], check=True, capture_output=True)
     return {"PYTHONPATH": f"{ROOT}:{folder}"}
 
 

@@ -90,6 +90,7 @@ def test_the_doctor_names_library_and_default_device(thzcl_command, device):
     assert done.returncode == 0
     told = "".join(done.stdout.split())  # whatever the width of lines
     assert "".join(device.info.description.split()) in told
+    assert "".join(device.info.library.split()) in told
     assert f"{device.info.number},if--devicenamesnoother" in told
     assert "aGPUisneverchosenbydefault" in told
 
@@ -101,7 +102,7 @@ def test_the_library_that_serves_a_platform_is_named(device):
     assert str(path) in Path("/proc/self/maps").read_text(encoding="utf-8")
     if device.pocl:
         assert path.name.startswith("libpocl")
-    assert str(path) in device.info.description
+    assert device.info.description.endswith(f", {path.name})")
     assert library.path_of(0) == library.path_of(id(object())) == ""
 
 

@@ -77,7 +77,8 @@ def _devices() -> list[Finding]:
         info = open_device().info
     except DeviceError as error:
         return [*seen, Finding("first kernel", False, str(error))]
-    return [*seen, Finding("first kernel", True, f"built and run on {info.description}")]
+    seen.append(Finding("first kernel", True, f"built and run on {info.description}"))
+    return [*seen, Finding("OpenCL library", True, info.library or "could not be told")]
 
 
 def _plugins() -> list[Finding]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 from thzcl.device import library, pocl
@@ -23,8 +24,9 @@ class DeviceInfo:
 
     @property
     def description(self) -> str:
-        """Returns the device's name with its driver's version and library."""
-        return f"{self.name} ({', '.join(filter(None, (self.driver, self.library)))})"
+        """Returns the device's name with its driver's version and the name of its library."""
+        told = self.driver, Path(self.library).name
+        return f"{self.name} ({', '.join(filter(None, told))})"
 
 
 def raw_devices() -> list[tuple[Any, DeviceInfo]]:
