@@ -158,7 +158,10 @@ def test_a_surface_sends_out_its_row_of_the_table(device, setting, textured):
     blend = rng.uniform(size=count).astype(setting.precision)
     blend[:3] = 0, 1, 0.5
     value = np.zeros(count, setting.precision)
-    body = "STORE(surface_value(table, surface, blend, first, 3, 2), value + first);"
+    body = """
+    const sources from = {table, surface, blend, 0, 0, 0, 0, 0};
+    STORE(surface_value(&from, first, 3, 2), value + first);
+    """
     arrays = {"table": table, "surface": surface, "blend": blend, "value": value}
     options = ["BILLBOARDS"] if textured else []
     evaluate(device, ["surfaces/source"], body, arrays, count, setting, options)

@@ -66,7 +66,7 @@ def meet(device, setting, call, arrays, origin, direction, reach):
     const point o = {{origin[3 * first], origin[3 * first + 1], origin[3 * first + 2]}};
     const point d = {{direction[3 * first], direction[3 * first + 1], direction[3 * first + 2]}};
     const wide norm = sqrt(d.x * d.x + d.y * d.y + d.z * d.z);
-    hit h = {{nearest[first], 9, 0, 0}};
+    hit h = {{nearest[first], 9, 0, 0, 0}};
     {call}
     nearest[first] = h.reach;
     surface[first] = h.surface;

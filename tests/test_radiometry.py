@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from decimal import Decimal, getcontext
 
-import numpy as np
 import oracle
 import pytest
 
@@ -75,20 +74,3 @@ def test_contrast_inverts_the_difference(kelvin):
 def test_no_radiance_is_zero_kelvin_below_the_reference():
     dark = -radiometry.planck(650e9, 275.0)
     assert radiometry.brightness_temperature_contrast(650e9, dark, 275.0) == -275.0
-
-
-def test_surfaces_emit_and_reflect():
-    """L = (1 - R) B(T) + R L_environment, less the air's radiance."""
-    kelvin, reflectivity = np.array([263.0, 273.0]), np.array([0.2, 0.5])
-    air = oracle.planck(650e9, 275.0)
-    for environment, surroundings in (
-        ("air", air),
-        ("none", 0.0),
-        (100.0, oracle.planck(650e9, 100.0)),
-    ):
-        found = radiometry.surface_contrast(
-            np.array([650e9]), kelvin, reflectivity, 275.0, environment
-        )
-        for row, t, r in zip(found, kelvin, reflectivity, strict=True):
-            expected = (1 - r) * oracle.planck(650e9, t) + r * surroundings - air
-            assert row[0] == pytest.approx(expected, rel=1e-11)

@@ -13,7 +13,7 @@ from thzcl.plan import numerics
 from thzcl.sensing import bands
 from thzcl.studies.stress import judges, truth
 from thzcl.studies.stress.trial import DOUBLE, SINGLE, Case, examine
-from thzcl.surfaces import geometry
+from thzcl.surfaces import geometry, radiance
 from thzcl.turbulence import cube, spectra
 
 LINES = ("183.31", "556.936", "752.033", "987.927")
@@ -113,10 +113,10 @@ def first_over_second(frequency_hz, temperature_k, reference_k):
     return radiometry.radiance_unit(frequency_hz) * photons * -np.expm1(x - other)
 
 
-def absolute(frequency_hz, temperature_k, reflectivity, air_k, _environment):
-    own = radiometry.planck(frequency_hz, temperature_k[:, None])
-    air = radiometry.planck(frequency_hz, air_k)
-    return (1 - reflectivity[:, None]) * own + reflectivity[:, None] * air - air
+def absolute(own, reflectivity, seen):
+    """Returns what surfaces send by way of radiances that are not relative to the air's."""
+    air = radiometry.planck(650e9, 290.0)
+    return (1 - reflectivity) * (own + air) + reflectivity * (seen + air) - air
 
 
 def one_rule(band, _view, _tolerance=None):
@@ -138,7 +138,7 @@ AIR_F = "3.6e-14f"  # about the air's radiance at 650 GHz
 BAND_F = "3.6e-16f"  # the same of a band, weighted
 ABOVE = """
 above += passed *
-         (alike ? (reals)row[f] : surface_value(table, surface, blend, first_ray, frequencies, f));
+         (alike ? (reals)row[f] : surface_value(&from, first_ray, frequencies, f));
 """
 SUM_OF_BAND = "(lost < (real)0.5 ? log1p(-lost) : log(left))"
 REMEDIES = {
@@ -219,7 +219,7 @@ REMEDIES = {
         [Shows("noise", (1e-11, 1e-6), ["NEP 0"])],
     ),
     "surfaces as differences from the air": Remedy(
-        python(radiometry, "surface_contrast", absolute),
+        python(radiance, "_mixed", absolute),
         [Shows("contrast", (1e-32, 1e-24), ["target, ground and air equal"])],
     ),
     "a difference of Planck's that is no subtraction": Remedy(

@@ -11,6 +11,8 @@ import pytest
 from scenes import lens, run, scene
 
 from thzcl.paths import shade, trace
+from thzcl.surfaces.ends import Facing
+from thzcl.surfaces.radiance import Table
 from thzcl.turbulence.orientation import ROTATIONS
 
 # Of the image's largest depth: what float32 leaves along some hundred voxels, and float64.
@@ -307,11 +309,11 @@ def test_bands_far_apart_do_not_disturb_each_other(device, precision):
     """
     rays = 128
     length = device.put(np.linspace(1, 2000, rays), precision)
-    surface, blend = device.put(np.zeros(rays, np.int32)), device.empty((1,), precision)
-    none = device.empty((0, rays), precision)
-    paths = trace.Paths(length, surface, blend, none, np.zeros(rays, bool))
-    coefficients, each = np.array([[1e-4], [1.0]]), np.eye(2)
-    shaded = shade.shade_bands(device, paths, coefficients, np.ones((1, 2)), each, each, precision)
+    surface, single = device.put(np.zeros(rays, np.int32)), device.empty((1,), precision)
+    none, facing = device.empty((0, rays), precision), Facing(single, single, single)
+    paths = trace.Paths(length, surface, facing, none, np.zeros(rays, bool))
+    coefficients, each, ones = np.array([[1e-4], [1.0]]), np.eye(2), Table(np.ones((1, 2)), None)
+    shaded = shade.shade_bands(device, paths, coefficients, ones, each, each, precision)
     depth = coefficients * length.host()
     assert np.allclose(shaded.depth.host(), depth, rtol=1e-6, atol=0)
     assert np.allclose(shaded.contrast.host(), np.exp(-depth), rtol=1e-5, atol=1e-30)

@@ -5,8 +5,8 @@
 //
 // Options: FREQUENCIES; HUMIDITY_POWERS, TEMPERATURE_POWERS and PLANCK_POWERS, numbers of
 // coefficients; COUNTS, how many temperature powers matter with each humidity power; THIN where no
-// voxel is deeper than 1/8; CUTOFF as in trace.cl; MOTION and OUTGOING as in camera.cl; BILLBOARDS
-// as in source.cl.
+// voxel is deeper than 1/8; CUTOFF as in trace.cl; MOTION and OUTGOING as in camera.cl; BILLBOARDS,
+// COSINES and ELEVATIONS as in source.cl.
 
 // The depths of this many voxels are added up plainly, before a compensated sum (Kahan 1965) takes
 // them in: plain float32 alone goes astray by 3e-6 over ten thousand voxels.
@@ -37,8 +37,8 @@ static inline void take_in(reals *depth, reals *rest, reals *latest)
 
 // `coefficients` (FREQUENCIES, HUMIDITY_POWERS, TEMPERATURE_POWERS) are per metre; `planck`
 // (FREQUENCIES, PLANCK_POWERS) is B(T) - B(T_mean) in powers of T - T_mean; `emitted` (surface,
-// FREQUENCIES) is L_surface - B(T_mean). Writes optical depth and radiance above the mean air's,
-// both (FREQUENCIES, ray).
+// FREQUENCIES) and what follows it, as in source.cl, are relative to B(T_mean). Writes optical depth
+// and radiance above the mean air's, both (FREQUENCIES, ray).
 __kernel void emission(__global const real *restrict delta, __global const real *restrict offset,
                        __constant frame *cube, int width, int height, int log2n,
                        __global const wide *reach, __global const wide *end,
@@ -47,7 +47,11 @@ __kernel void emission(__global const real *restrict delta, __global const real 
                        __global real *restrict path_length, __global int *restrict surface,
                        __constant real *coefficients, __constant real *planck,
                        __global const real *restrict emitted, __global const real *restrict blend,
-                       real cutoff, __global int *restrict segments,
+                       __global const real *restrict cosine,
+                       __global const real *restrict elevation, __global const int *restrict mirror,
+                       __global const real *restrict reflectivity,
+                       __global const real *restrict seen, real cutoff,
+                       __global int *restrict segments,
                        __global real *restrict depth_out, __global real *restrict contrast_out)
 {
     const int packet = get_global_id(0), first_ray = packet * LANES,
@@ -112,9 +116,10 @@ __kernel void emission(__global const real *restrict delta, __global const real 
 #ifdef CUTOFF
     march_record_ends(&ray, ended, picked, count, first_ray, path_length, surface);
 #endif
+    const sources from = {emitted, surface, blend, cosine, elevation, mirror, reflectivity, seen};
     UNROLLED
     for (int f = 0; f < FREQUENCIES; ++f) {
-        const reals source = surface_value(emitted, surface, blend, first_ray, FREQUENCIES, f);
+        const reals source = surface_value(&from, first_ray, FREQUENCIES, f);
         STORE(depth[f], depth_out + f * padded + first_ray);
         STORE(contrast[f] + EXP(-depth[f]) * source, contrast_out + f * padded + first_ray);
     }

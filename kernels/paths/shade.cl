@@ -2,7 +2,7 @@
 // is (L_surface - B_air) exp(-tau), exactly, whatever the humidity; nothing larger is ever carried.
 //
 // Options: MOMENTS; BANDS, the number of bands, where only sums over frequency are wanted;
-// BILLBOARDS as in source.cl.
+// BILLBOARDS, COSINES and ELEVATIONS as in source.cl.
 
 // Optical depth at one frequency; `c` holds MOMENTS + 1 coefficients per metre. The terms go to two
 // sums in turn, so that each addition waits for half as many.
@@ -18,10 +18,10 @@ static inline reals depth_of(__global const real *c, reals length, const reals *
 }
 
 // Whether all rays of a packet meet the same surface, as most do: then one value serves them all.
-// Between textures values are blended ray by ray, so the answer is no.
+// Between textures, and where the angle counts, each ray has its own: the answer is no.
 static inline int all_alike(__global const int *surface, int first_ray)
 {
-#ifdef BILLBOARDS
+#if defined(BILLBOARDS) || defined(COSINES)
     return 0;
 #else
     int alike = 1;
@@ -32,13 +32,16 @@ static inline int all_alike(__global const int *surface, int first_ray)
 }
 
 // Optical depth and contrast at each frequency, both (frequency, ray) in rows of `row`.
-// `coefficients` (frequency, MOMENTS + 1) are per metre; `emitted` (surface, frequency) is
-// L_surface - B_air.
+// `coefficients` (frequency, MOMENTS + 1) are per metre; `emitted` (surface, frequency) and what
+// follows it, as in source.cl, are relative to B_air.
 __kernel void shade(__global const real *restrict path_length,
                     __global const real *restrict moments, __global const int *restrict surface,
-                    __global const real *restrict blend,
                     __global const real *restrict coefficients,
-                    __global const real *restrict emitted, int frequencies, int row,
+                    __global const real *restrict emitted, __global const real *restrict blend,
+                    __global const real *restrict cosine, __global const real *restrict elevation,
+                    __global const int *restrict mirror,
+                    __global const real *restrict reflectivity, __global const real *restrict seen,
+                    int frequencies, int row,
                     __global real *restrict depth, __global real *restrict contrast)
 {
     const int first_ray = get_global_id(0) * LANES, padded = get_global_size(0) * LANES;
@@ -48,11 +51,12 @@ __kernel void shade(__global const real *restrict path_length,
     for (int k = 0; k < MOMENTS; ++k) m[k] = LOAD(moments + first_ray + k * padded);
     const int alike = all_alike(surface, first_ray);
     __global const real *sent = emitted + surface[first_ray] * frequencies;
+    const sources from = {emitted, surface, blend, cosine, elevation, mirror, reflectivity, seen};
     for (int f = 0; f < frequencies; ++f) {
         const reals tau = depth_of(coefficients + f * (MOMENTS + 1), length, m);
         const reals source =
             alike ? (reals)(sent[f])
-                  : surface_value(emitted, surface, blend, first_ray, frequencies, f);
+                  : surface_value(&from, first_ray, frequencies, f);
         STORE(tau, depth + (size_t)f * row + first_ray);
         STORE(source * exp(-tau), contrast + (size_t)f * row + first_ray);
     }
@@ -61,18 +65,23 @@ __kernel void shade(__global const real *restrict path_length,
 #ifdef BANDS
 // Depth of the mean transmission and contrast of each band, both (band, ray): sums over frequency
 // with weights, of which no spectrum is ever stored. `weights` (band, frequency) sum to 1;
-// `emitted` (band, surface, frequency) has its own weights multiplied in. Sums are taken relative
-// to the depth at each band's least absorbing frequency, whose coefficients are `thinnest` (band,
-// MOMENTS + 1); `beyond` (band, frequency, MOMENTS + 1) is what the others have more. So both what
-// is left and what is lost keep their digits, in air of any depth.
+// `emitted` (band, surface, frequency) and `seen` (band, frequency, ELEVATIONS) have weights of
+// their own multiplied in. Sums are taken relative to the depth at each band's least absorbing
+// frequency, whose coefficients are `thinnest` (band, MOMENTS + 1); `beyond` (band, frequency,
+// MOMENTS + 1) is what the others have more. So both what is left and what is lost keep their
+// digits, in air of any depth.
 __kernel void shade_bands(__global const real *restrict path_length,
                           __global const real *restrict moments,
                           __global const int *restrict surface,
-                          __global const real *restrict blend,
                           __global const real *restrict thinnest,
                           __global const real *restrict beyond,
                           __global const real *restrict weights,
-                          __global const real *restrict emitted, int frequencies, int surfaces,
+                          __global const real *restrict emitted,
+                          __global const real *restrict blend, __global const real *restrict cosine,
+                          __global const real *restrict elevation,
+                          __global const int *restrict mirror,
+                          __global const real *restrict reflectivity,
+                          __global const real *restrict seen, int frequencies, int surfaces,
                           __global real *restrict depth, __global real *restrict contrast)
 {
     const int first_ray = get_global_id(0) * LANES, padded = get_global_size(0) * LANES;
@@ -84,6 +93,10 @@ __kernel void shade_bands(__global const real *restrict path_length,
     for (int b = 0; b < BANDS; ++b) {
         __global const real *table = emitted + b * surfaces * frequencies,
                             *row = table + surface[first_ray] * frequencies;
+        sources from = {table, surface, blend, cosine, elevation, mirror, reflectivity, seen};
+#ifdef COSINES
+        from.seen += b * frequencies * ELEVATIONS;
+#endif
         const reals least = depth_of(thinnest + b * (MOMENTS + 1), length, m);
         reals left = 0, lost = 0, above = 0;
         for (int f = 0; f < frequencies; ++f) {
@@ -93,8 +106,7 @@ __kernel void shade_bands(__global const real *restrict path_length,
             left += weights[b * frequencies + f] * passed;
             lost += weights[b * frequencies + f] * less;
             above += passed *
-                     (alike ? (reals)row[f]
-                            : surface_value(table, surface, blend, first_ray, frequencies, f));
+                     (alike ? (reals)row[f] : surface_value(&from, first_ray, frequencies, f));
         }
         // Of `left` and `lost` the smaller has the digits: where little is left, 1 - lost has none.
         STORE(least - (lost < (real)0.5 ? log1p(-lost) : log(left)),

@@ -2,7 +2,8 @@
 // of one ray, in float64 where the device has it.
 //
 // Options: GROUND, BOXES and BILLBOARDS where the scene has them; COSINE where the slant of the
-// surface is wanted; OUTGOING as in camera.cl.
+// surface is wanted; ELEVATION where it is wanted where a mirrored ray goes; OUTGOING as in
+// camera.cl.
 
 #define BACKGROUND 0
 #define GROUND_PLANE 1
@@ -27,11 +28,12 @@ typedef struct {
 } texture;
 
 // The nearest surface met so far: how far the ray goes, the surface's number, how far towards the
-// next number, and the cosine of the angle between ray and normal.
+// next number, the cosine of the angle between ray and normal, and the vertical component of the
+// normal that looks towards the ray's start.
 typedef struct {
     wide reach;
     int surface;
-    wide blend, cosine;
+    wide blend, cosine, upward;
 } hit;
 
 // What rays can meet.
@@ -96,6 +98,7 @@ static void meet_box(__constant box *b, __constant int2 *stripes, int surface, p
     nearest->surface = surface;
     nearest->blend = 0;
     nearest->cosine = fabs(d[axis]) / norm;
+    nearest->upward = axis < 2 ? 0 : d[axis] < 0 ? 1 : -1;
     const int positive = (d[axis] > 0) == inside;
     const int2 face = stripes[2 * axis + positive];
     if (face.x > 0) {
@@ -143,6 +146,7 @@ static void meet_billboard(__constant billboard *b, __constant texture *t,
     nearest->surface = t->surface + below;
     nearest->blend = level - below;
     nearest->cosine = fabs(ahead) / norm;
+    nearest->upward = 0;
 }
 
 static void meet_all(const things *all, point origin, point direction, wide norm, hit *nearest)
@@ -153,6 +157,7 @@ static void meet_all(const things *all, point origin, point direction, wide norm
         nearest->reach = down;
         nearest->surface = GROUND_PLANE;
         nearest->cosine = -direction.z / norm;
+        nearest->upward = 1;
     }
 #endif
 #ifdef BOXES
@@ -169,7 +174,8 @@ static void meet_all(const things *all, point origin, point direction, wide norm
 
 // For each of the `count` rays that are followed, in their order: `reach` in the ray's parameter;
 // `path_length` in metres; `stretch`, metres per unit of the parameter; `surface` and `blend` as in
-// source.cl; `cosine` of the angle between ray and normal.
+// source.cl; `cosine` of the angle between ray and normal; `elevation`, the sine of the angle above
+// the horizon at which the ray goes on if it is mirrored, or as it comes if it meets nothing.
 __kernel void surfaces(__constant frame *camera, int width, int height, wide max_range,
                        __constant box *boxes, __constant int2 *stripes, int box_count,
                        __constant billboard *billboards, __constant texture *textures,
@@ -177,13 +183,14 @@ __kernel void surfaces(__constant frame *camera, int width, int height, wide max
                        __global const int *restrict picked, int count,
                        __global wide *restrict reach, __global real *restrict stretch,
                        __global real *restrict path_length, __global int *restrict surface,
-                       __global real *restrict blend, __global real *restrict cosine)
+                       __global real *restrict blend, __global real *restrict cosine,
+                       __global real *restrict elevation)
 {
     const int slot = get_global_id(0), ray = RAY(min(slot, count - 1));
     const things all = {boxes, stripes, box_count, billboards, textures, texels, billboard_count};
     const point d = ray_direction(camera, width, height, ray);
     const wide norm = sqrt(d.x * d.x + d.y * d.y + d.z * d.z);
-    hit nearest = {max_range / norm, BACKGROUND, 0, 0};
+    hit nearest = {max_range / norm, BACKGROUND, 0, 0, 0};
     meet_all(&all, camera->origin, d, norm, &nearest);
     reach[slot] = nearest.reach;
     stretch[slot] = (real)norm;
@@ -194,6 +201,9 @@ __kernel void surfaces(__constant frame *camera, int width, int height, wide max
 #endif
 #ifdef COSINE
     cosine[slot] = (real)nearest.cosine;
+#endif
+#ifdef ELEVATION
+    elevation[slot] = (real)(d.z / norm + 2 * nearest.cosine * nearest.upward);
 #endif
 }
 
@@ -221,7 +231,7 @@ __kernel void outgoing(__constant frame *transmitter, int width, int height, __c
     const point d = follow_direction(transmitter, width, height, ray, reach[slot]);
     const wide norm = sqrt(d.x * d.x + d.y * d.y + d.z * d.z);
     // The point itself lies at 1: what is met just before it is the surface that it lies on.
-    hit nearest = {1 - (wide)SAME_SURFACE, BACKGROUND, 0, 0};
+    hit nearest = {1 - (wide)SAME_SURFACE, BACKGROUND, 0, 0, 0};
     meet_all(&all, transmitter->origin, d, norm, &nearest);
     int lit = surface[slot] != BACKGROUND && nearest.surface == BACKGROUND;
 #ifdef BILLBOARDS

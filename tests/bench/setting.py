@@ -127,7 +127,7 @@ class Setting:
         `transmission` (ray,) is that of all rays; NaN where it is not known.
         """
         rays, nodes = self.checked, self.expansion.frequency_hz
-        emitted = self.shade.sources.table(nodes)[self.ends.surface.host()[rays], 0]
+        emitted = self.shade.sources.table(nodes).sent[self.ends.surface.host()[rays], 0]
         right = emitted * np.exp(-self.exact)
         wrong = emitted * transmission[rays] - right
         return float(np.sqrt(np.nanmean(wrong**2)) / np.abs(right).max())

@@ -91,25 +91,6 @@ def brightness_temperature_contrast(
     )
 
 
-def surface_contrast(
-    frequency_hz: Array,
-    temperature_k: Array,
-    reflectivity: Array,
-    air_k: float,
-    environment: float | str,
-) -> Array:
-    """Returns the radiance of surfaces less planck(air_k), (surface, frequency).
-
-    A surface of temperature T and reflectivity R, both (surface,), emits (1 - R) B(T) and reflects
-    R times its environment: "air" (a black enclosure at the air's temperature), "none", or a black
-    body of a temperature in kelvin.
-    """
-    surroundings = {"air": air_k, "none": 0.0}.get(str(environment), environment)
-    reflected = planck_difference(frequency_hz, surroundings, air_k)
-    own = planck_difference(frequency_hz, temperature_k[:, None], air_k)
-    return np.asarray((1 - reflectivity[:, None]) * own + reflectivity[:, None] * reflected)
-
-
 def _occupation(frequency_hz: Any, temperature_k: Any) -> Array:
     """Returns the photons in each mode, 1 / (exp(h nu / (k T)) - 1)."""
     with np.errstate(divide="ignore", over="ignore"):

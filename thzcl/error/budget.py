@@ -92,11 +92,8 @@ class Light:
 
     def planes(self, absorber: Absorber, walked: Walked, ways: tuple[Path, ...]) -> Array:
         """Returns the contrast that rays bring to the camera, (plane, ray)."""
-        nodes, surface = self.spectrum.nodes_hz.array, walked.surface
-        table = self.sources.table(nodes)
-        following = np.minimum(surface + 1, len(table) - 1)
-        blend = walked.blend[:, None]
-        source = (table[surface] + blend * (table[following] - table[surface])).T
+        nodes = self.spectrum.nodes_hz.array
+        source = self.sources.sent(nodes, walked.surface, walked.blend, walked.angles)
         contrast = self.transfer.contrast(absorber, nodes, ways, source)
         return np.asarray(self.spectrum.planes(contrast) * walked.gain)
 

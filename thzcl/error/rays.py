@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from thzcl.air.mean import Span
-from thzcl.device.opencl import Device
+from thzcl.device.opencl import Buffer, Device
 from thzcl.error import twin
 from thzcl.error.twin import Path
 from thzcl.graph import Memory, Spec, Values, frozen
@@ -20,6 +20,7 @@ from thzcl.surfaces import ends as ray_ends
 from thzcl.surfaces.camera import Raster
 from thzcl.surfaces.ends import EndsSpec, OutgoingSpec, RayEnds
 from thzcl.surfaces.geometry import Geometry
+from thzcl.surfaces.radiance import EndAngles
 from thzcl.turbulence.cube import Field
 from thzcl.turbulence.fields import AnyField
 from thzcl.turbulence.orientation import ROTATIONS
@@ -51,13 +52,14 @@ class Walked:
     """Rays that were followed again: their numbers, weights of sum 1, and where they end.
 
     `surface` and `blend` are those of RayEnds, and `gain` multiplies the contrast that a ray
-    brings; all are (ray,).
+    brings; all are (ray,). `angles` are None where they make no difference.
     """
 
     number: Integers
     weight: Array
     surface: NDArray[np.int32]
     blend: Array
+    angles: EndAngles | None
     gain: Array
     ways: tuple[Way, ...]  # the camera's ray, and the way from a transmitter if there is one
 
@@ -245,9 +247,18 @@ def _followed(
         away = here + reach[:, None] * direction - start
         length = np.linalg.norm(away, axis=1)
         ways.append(air.way(Lines(start, away / length[:, None], length, place)))
-    textured = len(ends.blend) > 1
-    blend = ends.blend.host()[slots].astype(np.float64) if textured else np.zeros(len(slots))
-    return Walked(number, weight, surface, blend, np.ones(len(slots)), tuple(ways))
+    facing = ends.facing
+    blend, cosine, elevation = (
+        _asked(values, slots) for values in (facing.blend, facing.cosine, facing.elevation)
+    )
+    angles = None if cosine is None or elevation is None else EndAngles(cosine, elevation)
+    blended, gain = np.zeros(len(slots)) if blend is None else blend, np.ones(len(slots))
+    return Walked(number, weight, surface, blended, angles, gain, tuple(ways))
+
+
+def _asked(values: Buffer, slots: Integers) -> Array | None:
+    """Returns some values of an array by ray, in float64, or None if it was not asked for."""
+    return values.host()[slots].astype(np.float64) if len(values) > 1 else None
 
 
 @dataclass(frozen=True)
@@ -277,7 +288,14 @@ class FineWalkSpec(Spec):
         pixel, weight = _near_edges(ends, self.rays, self.seed)
         fine, number = _doubled(self.ends.geometry, pixel)
         precision = self.ends.precision
-        found = ray_ends.find_ends(device, fine, precision, cosine=self.lambert, picked=number)
+        found = ray_ends.find_ends(
+            device,
+            fine,
+            precision,
+            cosine=self.ends.cosine,
+            elevation=self.ends.elevation,
+            picked=number,
+        )
         out = None
         if self.out is not None:
             out = ray_ends.outgoing_ends(device, found, self.out.transmitter_m, precision)
@@ -285,7 +303,7 @@ class FineWalkSpec(Spec):
         slots, weights = np.arange(len(number)), np.ones(len(number))
         walked = _followed(air, found, out, number, slots, (row // 2, column // 2), weights)
         if self.lambert:
-            cosine = found.cosine.host()[slots].astype(np.float64)
+            cosine = found.facing.cosine.host()[slots].astype(np.float64)
             length = found.path_length.host()[slots].astype(np.float64)
             walked = replace(walked, gain=cosine / (np.pi * length**2))
         return FinePixels(walked, pixel, weight)

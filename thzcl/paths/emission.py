@@ -16,8 +16,9 @@ from thzcl.air import radiometry
 from thzcl.air.expansion import Expansion
 from thzcl.device.opencl import Buffer, Device
 from thzcl.paths.trace import MarchKernels, Medium, changed_ends, march_options, placed
+from thzcl.surfaces import source
 from thzcl.surfaces.ends import RayEnds
-from thzcl.surfaces.radiance import Sources
+from thzcl.surfaces.radiance import Sources, Table
 
 Array = NDArray[np.float64]
 AT_ONCE = 8  # frequencies that one pass carries
@@ -44,6 +45,8 @@ class EmissionKernels(MarchKernels):
     counts: tuple[int, ...]
     thin: bool
     billboards: bool
+    cosines: int | None
+    elevations: int | None
 
 
 @dataclass(frozen=True)
@@ -66,15 +69,15 @@ class Emitting:
     """The tables of an emission trace, which describe the air and the surfaces.
 
     `coefficients` (frequency, humidity power, temperature power) in 1/m are those of absorption,
-    `planck` (frequency, power) those of B(T) - B(T_mean) in powers of T - T_mean, and `sources`
-    (surface, frequency) is the contrast that surfaces send.
+    `planck` (frequency, power) those of B(T) - B(T_mean) in powers of T - T_mean, and `sent` is
+    what surfaces send.
     """
 
     coefficients: Array
     counts: tuple[int, ...]  # temperature powers of each humidity power that are not 0
     densest: float  # bound on absorption in the cube at any frequency, 1/m
     planck: Array
-    sources: Array
+    sent: Table
 
     def some(self, first: int) -> Emitting:
         """Returns the tables for the frequencies of one pass, which start at number `first`."""
@@ -83,7 +86,7 @@ class Emitting:
             self,
             coefficients=self.coefficients[part],
             planck=self.planck[part],
-            sources=self.sources[:, part],
+            sent=self.sent.some(part),
         )
 
 
@@ -152,8 +155,7 @@ def _emission_pass(
         surface=surface,
         coefficients=device.put(tables.coefficients, precision),
         planck=device.put(tables.planck, precision),
-        emitted=device.put(tables.sources, precision),
-        blend=ends.blend,
+        **source.arguments(device, ends.facing, tables.sent, precision),
         cutoff=cutoff or np.inf,
         segments=segments,
         depth_out=depth,
@@ -176,7 +178,7 @@ def _kernels(
         planck_powers=tables.planck.shape[1],
         counts=tables.counts,
         thin=tables.densest * medium.field.voxel_m * math.sqrt(3) <= THIN,
-        billboards=len(ends.blend) > 1,
+        **source.options(ends.facing, tables.sent),
     )
 
 

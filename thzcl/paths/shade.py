@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 from thzcl.device.kernels import Kernels
 from thzcl.device.opencl import Buffer, Device, Program
 from thzcl.paths.trace import Paths
+from thzcl.surfaces import source
+from thzcl.surfaces.radiance import Table
 
 Array = NDArray[np.float64]
 ROWS_APART = 64  # values between spectral rows: rows of a power of two would share cache lines
@@ -24,6 +26,8 @@ class ShadeKernels(Kernels):
 
     moments: int
     billboards: bool
+    cosines: int | None = None
+    elevations: int | None = None
     bands: int | None = None
 
 
@@ -38,15 +42,13 @@ class Shaded:
     contrast: Buffer
 
 
-def shade(
-    device: Device, paths: Paths, coefficients: Array, sources: Array, precision: str
-) -> Shaded:
+def shade(device: Device, paths: Paths, coefficients: Array, sent: Table, precision: str) -> Shaded:
     """Returns depth and contrast behind isothermal air at single frequencies.
 
-    `coefficients` (frequency, power) in 1/m are those of absorption in powers of delta, `sources`
-    (surface, frequency) is the contrast that surfaces send.
+    `coefficients` (frequency, power) in 1/m are those of absorption in powers of delta, and `sent`
+    is what surfaces send.
     """
-    program, rays = _program(device, paths, precision), len(paths.path_length)
+    program, rays = _program(device, paths, sent, precision), len(paths.path_length)
     count, row = len(coefficients), rays + ROWS_APART
     depth, contrast = (device.empty((count, row), precision) for _ in range(2))
     program.run(
@@ -54,7 +56,7 @@ def shade(
         rays // program.lanes,
         **_shaded_paths(paths),
         coefficients=device.put(coefficients, precision),
-        emitted=device.put(sources, precision),
+        **source.arguments(device, paths.facing, sent, precision),
         frequencies=count,
         row=row,
         depth=depth,
@@ -67,21 +69,21 @@ def shade_bands(
     device: Device,
     paths: Paths,
     coefficients: Array,
-    sources: Array,
+    sent: Table,
     weights: Array,
     passing: Array,
     precision: str,
 ) -> Shaded:
     """Returns depth and contrast behind isothermal air in bands, without storing a spectrum.
 
-    `coefficients` and `sources` are those of `shade`. Contrast is summed with `weights`,
+    `coefficients` and `sent` are those of `shade`. Contrast is summed with `weights`,
     transmission with `passing`, both (band, frequency).
     """
     absorbing = np.where(passing > 0, coefficients[:, 0], np.inf)
     thinnest = coefficients[absorbing.argmin(axis=1)]
     # Frequencies that are not in a band add nothing to it.
     beyond = np.where(passing[..., None] > 0, coefficients - thinnest[:, None], 0.0)
-    program, rays = _program(device, paths, precision, len(weights)), len(paths.path_length)
+    program, rays = _program(device, paths, sent, precision, len(weights)), len(paths.path_length)
     depth, contrast = (device.empty((len(weights), rays), precision) for _ in range(2))
     program.run(
         "shade_bands",
@@ -90,19 +92,21 @@ def shade_bands(
         thinnest=device.put(thinnest, precision),
         beyond=device.put(beyond, precision),
         weights=device.put(passing, precision),
-        emitted=device.put(weights[:, None, :] * sources, precision),
+        **source.arguments(device, paths.facing, sent, precision, weights),
         frequencies=len(coefficients),
-        surfaces=len(sources),
+        surfaces=len(sent.sent),
         depth=depth,
         contrast=contrast,
     )
     return Shaded(depth, contrast)
 
 
-def _program(device: Device, paths: Paths, precision: str, bands: int | None = None) -> Program:
+def _program(
+    device: Device, paths: Paths, sent: Table, precision: str, bands: int | None = None
+) -> Program:
     """Returns the shading kernels for some number of moments, and of bands if there are any."""
-    kernels = ShadeKernels(len(paths.moments), len(paths.blend) > 1, bands)
-    return device.build(kernels, precision)
+    moments, options = len(paths.moments), source.options(paths.facing, sent)
+    return device.build(ShadeKernels(moments=moments, bands=bands, **options), precision)
 
 
 def _shaded_paths(paths: Paths) -> dict[str, Any]:
@@ -111,5 +115,4 @@ def _shaded_paths(paths: Paths) -> dict[str, Any]:
         "path_length": paths.path_length,
         "moments": paths.moments,
         "surface": paths.surface,
-        "blend": paths.blend,
     }

@@ -16,7 +16,7 @@ from thzcl.device.kernels import Kernels
 from thzcl.device.opencl import Buffer, Device
 from thzcl.graph import Values
 from thzcl.surfaces import geometry
-from thzcl.surfaces.ends import Followed, RayEnds, raster_size, ray_list
+from thzcl.surfaces.ends import Facing, Followed, RayEnds, raster_size, ray_list
 from thzcl.turbulence.cube import Field
 
 Array = NDArray[np.float64]
@@ -98,14 +98,14 @@ class Paths:
     """The paths of rays on the device: `moments` (k, ray) in metres, for k = 1 and up.
 
     `path_length` and `surface` are those of the rays' ends; a ray that the cut-off ended is
-    shorter, and its surface is 0. `blend` is that of RayEnds. `moments` has no rows in even air.
+    shorter, and its surface is 0. `facing` is that of RayEnds. `moments` has no rows in even air.
     `interpolated` (ray,) says which rays were not traced. If the values are sums over the way out
     and the way back, `ways` holds the length of each.
     """
 
     path_length: Buffer
     surface: Buffer
-    blend: Buffer
+    facing: Facing
     moments: Buffer
     interpolated: NDArray[np.bool_]
     ways: tuple[Buffer, ...] = ()
@@ -160,7 +160,7 @@ def trace(
         cutoff=limit.depth,
     )
     device.counters.segments += int(segments.host().sum(dtype=np.int64))
-    return Paths(path_length, surface, ends.blend, out, every_ray(ends))
+    return Paths(path_length, surface, ends.facing, out, every_ray(ends))
 
 
 def every_ray(ends: RayEnds) -> NDArray[np.bool_]:
@@ -171,7 +171,7 @@ def every_ray(ends: RayEnds) -> NDArray[np.bool_]:
 def straight(device: Device, ends: RayEnds, precision: str) -> Paths:
     """Returns paths through even air, of which only the length counts."""
     none = device.empty((0, ends.rays), precision)
-    return Paths(ends.path_length, ends.surface, ends.blend, none, every_ray(ends))
+    return Paths(ends.path_length, ends.surface, ends.facing, none, every_ray(ends))
 
 
 def there_and_back(device: Device, back: Paths, out: Paths) -> Paths:
@@ -189,7 +189,7 @@ def there_and_back(device: Device, back: Paths, out: Paths) -> Paths:
     moments = both(back.moments, out.moments)
     interpolated = back.interpolated | out.interpolated
     ways = back.path_length, out.path_length
-    return Paths(length, surface, back.blend, moments, interpolated, ways)
+    return Paths(length, surface, back.facing, moments, interpolated, ways)
 
 
 def march_options(guard: object, ends: RayEnds, medium: Medium) -> dict[str, Any]:
@@ -245,4 +245,4 @@ def trace_steps(
         step=step_m,
         moments=out,
     )
-    return Paths(ends.path_length, ends.surface, ends.blend, out, every_ray(ends))
+    return Paths(ends.path_length, ends.surface, ends.facing, out, every_ray(ends))

@@ -63,7 +63,8 @@ class Setup:
 
     def ends(self, shape: Geometry) -> EndsSpec:
         """Returns the ends of the camera's rays."""
-        return EndsSpec(shape, self.settled.precision, self.cosine)
+        angular = self.sources.angular
+        return EndsSpec(shape, self.settled.precision, self.cosine or angular, angular)
 
     def out(self, shape: Geometry) -> OutgoingSpec | None:
         """Returns the ways from a transmitter that is not at the camera, or None."""

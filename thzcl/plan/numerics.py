@@ -88,9 +88,9 @@ class Foreseen:
     pixel_rad: float
     targets: NDArray[np.int32]
 
-    def _surface_contrast(self) -> Array:
-        """Returns the contrast that each surface sends, (surface, frequency)."""
-        return self.sources.table(self.spectrum.nodes_hz.array)
+    def _brightest(self) -> Array:
+        """Returns the most that each surface sends, in absolute value, (surface, frequency)."""
+        return self.sources.brightest(self.spectrum.nodes_hz.array)
 
     def _depth(self) -> Array:
         """Returns the optical depth of all ways of a ray together, (ray, frequency)."""
@@ -98,7 +98,7 @@ class Foreseen:
 
     def _camera_contrast(self) -> Array:
         """Returns the absolute contrast that reaches the camera, (ray, frequency)."""
-        sent = np.abs(self._surface_contrast())
+        sent = self._brightest()
         return np.asarray(sent[self.rays.surface] * np.exp(-self._depth()))
 
     def contrast(self) -> Array:
@@ -114,7 +114,7 @@ class Foreseen:
     def default_cutoff(self) -> float:
         """Returns the depth at which what lies behind could add 1e-7 of the air's radiance."""
         background = self.sources.background(self.spectrum.nodes_hz.array)
-        brightest = float(np.max(np.abs(self._surface_contrast()) / background))
+        brightest = float(np.max(self._brightest() / background))
         return max(SMALLEST_CUTOFF, math.log(brightest / NEGLIGIBLE) if brightest > 0 else 0.0)
 
     def cutoff(self, share: float) -> float:
@@ -122,7 +122,7 @@ class Foreseen:
 
         It is the depth of one way, at the frequency that the air absorbs least.
         """
-        brightest = np.abs(self._surface_contrast()).max(axis=0)
+        brightest = self._brightest().max(axis=0)
         if not brightest.any():
             return SMALLEST_CUTOFF
         ratio = self.spectrum.planes(brightest) / (share * self.contrast())

@@ -173,7 +173,7 @@ class LambertSpec(Spec):
         raster = self.ends.geometry.raster
         cosine, length = (
             on_raster(raster, values.host().astype(np.float64))
-            for values in (ends.cosine, ends.path_length)
+            for values in (ends.facing.cosine, ends.path_length)
         )
         return replace(rays, contrast=rays.contrast * (cosine / (np.pi * length**2)))
 

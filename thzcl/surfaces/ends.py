@@ -32,6 +32,7 @@ class SurfaceKernels(Kernels):
     boxes: bool
     billboards: bool
     cosine: bool = False
+    elevation: bool = False
     outgoing: bool = False
 
 
@@ -51,15 +52,28 @@ def follow(device: Device, shape: Geometry, picked: NDArray[Any] | None = None) 
 
 
 @dataclass(frozen=True)
+class Facing:
+    """How rays meet their surfaces, (ray,); an array that is not asked for holds a single value.
+
+    `blend` is the weight of the surface with the next number, `cosine` that of the angle between
+    ray and normal, `elevation` the sine of the angle above the horizon at which a mirrored ray goes
+    on, or at which a ray comes that meets nothing.
+    """
+
+    blend: Buffer
+    cosine: Buffer
+    elevation: Buffer
+
+
+@dataclass(frozen=True)
 class RayEnds:
     """The ends of rays, (ray,) on the device, padded to whole groups of packets.
 
     `reach` is the parameter at which the camera's ray ends. `end` is the parameter at which the ray
     that is followed ends; it differs from `reach` on the way from a transmitter. `stretch` is the
     length in metres of one unit of that parameter, and `path_length` the ray's length in metres.
-    `surface` is the number of the surface met, `blend` the weight of the surface with the next
-    number. `cosine` is that of the angle between ray and surface normal, a single value if it is
-    not asked for. `start` is the place of a transmitter, or None for rays of the camera.
+    `surface` is the number of the surface met, and `facing` says how the camera's ray meets it.
+    `start` is the place of a transmitter, or None for rays of the camera.
     """
 
     geometry: Geometry
@@ -69,8 +83,7 @@ class RayEnds:
     stretch: Buffer
     path_length: Buffer
     surface: Buffer
-    blend: Buffer
-    cosine: Buffer
+    facing: Facing
     start: tuple[float, float, float] | None = None
 
     @property
@@ -91,6 +104,7 @@ class EndsSpec(Spec):
     geometry: Geometry
     precision: str
     cosine: bool = False  # whether the slant of surfaces is wanted
+    elevation: bool = False  # whether the direction of mirrored rays is wanted
 
     @property
     def camera(self) -> EndsSpec:
@@ -99,7 +113,13 @@ class EndsSpec(Spec):
 
     def run(self, device: Device) -> RayEnds:
         """Returns the ends of the rays on the device."""
-        return find_ends(device, self.geometry, self.precision, cosine=self.cosine)
+        return find_ends(
+            device,
+            self.geometry,
+            self.precision,
+            cosine=self.cosine,
+            elevation=self.elevation,
+        )
 
     @property
     def stage(self) -> str:  # type: ignore[override]
@@ -121,7 +141,9 @@ class EndsSpec(Spec):
         """Returns the sizes of the arrays of ends, and of the textures."""
         rays, real = self.geometry.raster.rays, np.dtype(self.precision).itemsize
         texels = 4 * self.geometry.things.texels.shape[0]
-        return Memory((8 * rays, *(real * rays,) * (2 + self.cosine), 4 * rays, texels))
+        return Memory(
+            (8 * rays, *(real * rays,) * (2 + self.cosine + self.elevation), 4 * rays, texels)
+        )
 
 
 def _count(number: int, one: str, many: str) -> str:
@@ -173,21 +195,26 @@ def find_ends(
     precision: str,
     *,
     cosine: bool = False,
+    elevation: bool = False,
     picked: NDArray[Any] | None = None,
 ) -> RayEnds:
     """Returns the ends of all rays of the camera, or of those picked by number.
 
-    `cosine` says whether the cosine between ray and surface normal is computed.
+    `cosine` and `elevation` say which of these, in `facing`, are computed.
     """
     followed = follow(device, shape, picked)
     padded = device.padded(followed.count, precision)
-    program = device.build(SurfaceKernels(**_kinds(shape.things), cosine=cosine), precision)
+    angles = {"cosine": cosine, "elevation": elevation}
+    program = device.build(SurfaceKernels(**_kinds(shape.things), **angles), precision)
     textured = "billboards" in shape.things.kinds
     reach = device.empty((padded,), device.wide)
     stretch, path_length = (device.empty((padded,), precision) for _ in range(2))
     surface = device.empty((padded,), np.int32)
-    blend, slant = (
-        device.empty((padded if wanted else 1,), precision) for wanted in (textured, cosine)
+    facing = Facing(
+        *(
+            device.empty((padded if wanted else 1,), precision)
+            for wanted in (textured, cosine, elevation)
+        )
     )
     program.run(
         "surfaces",
@@ -201,10 +228,11 @@ def find_ends(
         stretch=stretch,
         path_length=path_length,
         surface=surface,
-        blend=blend,
-        cosine=slant,
+        blend=facing.blend,
+        cosine=facing.cosine,
+        elevation=facing.elevation,
     )
-    return RayEnds(shape, followed, reach, reach, stretch, path_length, surface, blend, slant)
+    return RayEnds(shape, followed, reach, reach, stretch, path_length, surface, facing)
 
 
 def outgoing_ends(
@@ -232,7 +260,7 @@ def outgoing_ends(
         end=end,
         length=length,
     )
-    unchanged = ends.blend, ends.cosine, transmitter_m
+    unchanged = ends.facing, transmitter_m
     return RayEnds(shape, ends.followed, ends.reach, end, length, length, surface, *unchanged)
 
 

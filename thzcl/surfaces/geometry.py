@@ -19,6 +19,7 @@ from thzcl.graph import Values, frozen
 from thzcl.scenario.scene import Billboard, Box, Scene
 from thzcl.surfaces import texture
 from thzcl.surfaces.camera import Raster, camera_frame
+from thzcl.surfaces.mirrors import Constant, Mirror
 from thzcl.surfaces.texture import Texture
 from thzcl.turbulence.orientation import ROTATIONS
 
@@ -32,11 +33,11 @@ LEVELS = 1025  # surfaces of a texture of temperature, between which Planck is a
 
 
 class Surface(NamedTuple):
-    """A surface that a ray can meet, of one temperature (None if not given) and reflectivity."""
+    """A surface that a ray can meet, of one temperature (None if not given)."""
 
     target: int  # the flag in the result's variable `target`
     temperature_k: float | None
-    reflectivity: float
+    mirror: Mirror
 
 
 @frozen
@@ -90,7 +91,7 @@ def geometry(scene: Scene, locate: Locate, rays: Raster) -> tuple[Geometry, list
     The surfaces are, in this order: background, ground, boxes, their stripes, billboards. `locate`
     returns the path of a picture's file. Raises FileError for a picture that cannot be used.
     """
-    surfaces = [Surface(BACKGROUND, scene.background.temperature_k, 0.0), _ground(scene)]
+    surfaces = [Surface(BACKGROUND, scene.background.temperature_k, Constant(0.0)), _ground(scene)]
     numbered = list(enumerate(scene.targets.values(), start=FIRST_TARGET))
     boxes = [(flag, target) for flag, target in numbered if isinstance(target, Box)]
     boards = [(flag, target) for flag, target in numbered if isinstance(target, Billboard)]
@@ -112,21 +113,23 @@ def geometry(scene: Scene, locate: Locate, rays: Raster) -> tuple[Geometry, list
 def _ground(scene: Scene) -> Surface:
     """Returns the ground's surface; without a ground it has no temperature and reflects nothing."""
     ground = scene.ground
-    return Surface(
-        GROUND, ground.temperature_k if ground else None, ground.reflectivity if ground else 0.0
-    )
+    if ground is None:
+        return Surface(GROUND, None, Constant(0.0))
+    return Surface(GROUND, ground.temperature_k, Constant(ground.reflectivity))
 
 
 def _boxes(boxes: list[tuple[int, Box]], surfaces: list[Surface]) -> tuple[Array, Integers]:
     """Returns the rows of boxes and of their stripes, and appends their surfaces to `surfaces`."""
-    surfaces += [Surface(flag, box.temperature_k, box.reflectivity) for flag, box in boxes]
+    surfaces += [
+        Surface(flag, box.temperature_k, Constant(box.reflectivity)) for flag, box in boxes
+    ]
     stripes = np.zeros((len(boxes) * len(FACES), 2), dtype=np.int32)
     rows = []
     for number, (flag, box) in enumerate(boxes):
         rows.append([*box.center_m, *(size / 2 for size in box.size_m), *_turn(box.yaw_deg)])
         for bars in box.bars:
             stripes[number * len(FACES) + FACES.index(bars.face)] = bars.count, len(surfaces)
-            surfaces.append(Surface(flag, bars.temperature_k, box.reflectivity))
+            surfaces.append(Surface(flag, bars.temperature_k, Constant(box.reflectivity)))
     return np.array(rows).reshape(-1, 8), stripes
 
 
@@ -163,9 +166,11 @@ def _billboards(
 def _levels(flag: int, board: Billboard, picture: Texture) -> list[Surface]:
     """Returns the surfaces between which a texture blends, from its lowest value to its highest."""
     if board.quantity == "reflectivity":  # emission and reflection are linear in it
-        return [Surface(flag, board.temperature_k, end) for end in (picture.low, picture.high)]
+        return [
+            Surface(flag, board.temperature_k, Constant(end)) for end in (picture.low, picture.high)
+        ]
     return [
-        Surface(flag, float(t), board.reflectivity)
+        Surface(flag, float(t), Constant(board.reflectivity))
         for t in np.linspace(picture.low, picture.high, LEVELS)
     ]
 
