@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import cache, lru_cache
@@ -32,20 +31,6 @@ from thzcl.plugins.loader import Hook
 Array = NDArray[np.float64]
 
 
-def _built_ins() -> dict[str, str]:
-    """Returns the constituents of this folder: name to module, as the modules' texts say.
-
-    A constituent is one file, and no list of them is kept beside it.
-    """
-    found: dict[str, str] = {}
-    for path in sorted(Path(__file__).parent.glob("*.py")):
-        text = path.read_text(encoding="utf-8")
-        if re.search(r"^def register_constituents\(", text, re.MULTILINE):
-            names = re.findall(r'^    name = "([^"]+)"$', text, re.MULTILINE)
-            found |= dict.fromkeys(names, f"thzcl.air.{path.stem}")
-    return found
-
-
 HOOK = Hook(
     group="thzcl.constituents",
     register="register_constituents",
@@ -53,7 +38,7 @@ HOOK = Hook(
     base=Constituent,
     contracts=range(1, CONTRACT + 1),
     members={"Params": (Parameters, "thzcl.constituent.Parameters")},
-    built_ins=_built_ins(),
+    built_ins=loader.built_ins("thzcl.air", "register_constituents"),
     reserved=RESERVED_NAMES,
     also=answers.check_class,
 )

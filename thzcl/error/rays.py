@@ -144,7 +144,7 @@ Air = Even | Voxels
 
 
 @frozen
-class EvenAirSpec(Spec):
+class UniformAirSpec(Spec):
     """Air that is the same everywhere, for the error budget."""
 
     stage = "error-budget"
@@ -174,7 +174,7 @@ class VoxelAirSpec(Spec):
 class WalkSpec(Spec):
     """Some rays of an image, drawn from all that it shows and walked through the air."""
 
-    air: EvenAirSpec | VoxelAirSpec
+    air: UniformAirSpec | VoxelAirSpec
     ends: EndsSpec
     out: OutgoingSpec | None
     targets: Values  # (surface,): flag of the target that each surface belongs to
@@ -274,7 +274,7 @@ class FinePixels:
 class FineWalkSpec(Spec):
     """Some pixels with twice as many samples each way, half of them at edges of surfaces."""
 
-    air: EvenAirSpec | VoxelAirSpec
+    air: UniformAirSpec | VoxelAirSpec
     ends: EndsSpec
     out: OutgoingSpec | None
     lambert: bool  # whether echoes are scattered evenly

@@ -12,6 +12,7 @@ from thzcl.graph import LeftOut, Work, everything, peak
 from thzcl.paths.specs import TraceSpec
 from thzcl.plan.plan import Plan
 from thzcl.plan.variant import PlannedVariant
+from thzcl.surfaces.geometry import KINDS
 from thzcl.turbulence import cube_file
 from thzcl.turbulence.fields import AnyField, CubeSpec
 
@@ -21,9 +22,7 @@ STAGES = (
     "temperature-field",
     "trace",
     "path-emission",
-    "ground",
-    "boxes",
-    "billboards",
+    *KINDS,
     "outgoing-path",
     "optics",
     "noise",

@@ -17,8 +17,8 @@ from thzcl.error.budget import ErrorSpec, LatticeErrorSpec, SamplingSpec
 from thzcl.error.rays import FineWalkSpec, WalkSpec
 from thzcl.graph import Spec, Values
 from thzcl.plan import numerics
+from thzcl.plan.air import STILL, AnyAir, Moving, NonIsothermalAir, Setup, TurbulentAir, UniformAir
 from thzcl.plan.cube import Source, cube_source
-from thzcl.plan.light import STILL, AnyAir, EvenAir, Moving, Setup, TurbulentAir, WarmAir
 from thzcl.plan.numerics import Accuracy, Foreseen
 from thzcl.plan.refused import air_refused, files_refused
 from thzcl.plan.sampling import Sampling
@@ -214,14 +214,14 @@ class _Planner:
         """Returns the kind of air that light goes through; it is asked for nowhere else."""
         flow = self.scene.atmosphere.fluctuations
         if cube is None or flow is None:
-            return EvenAir(setup, self.cube_source[1])
+            return UniformAir(setup, self.cube_source[1])
         share = self.foreseen.share_traced(self.settled.stride)
         wind = flow.wind_m_s
         where = self._orientation(), wind, self.sample, self._visible_m()
         moving = Moving(cube, *where, share)
-        return TurbulentAir(setup, moving) if cube.isothermal else WarmAir(setup, moving)
+        return TurbulentAir(setup, moving) if cube.isothermal else NonIsothermalAir(setup, moving)
 
-    def _fine(self, even: EvenAir, turn: int = 0) -> SumSpec | None:
+    def _fine(self, even: UniformAir, turn: int = 0) -> SumSpec | None:
         """Returns what pixels see of surfaces that a lattice samples, in even air, or None."""
         taken = self.sampling.lattice(turn)
         return _sum(even, taken, taken[0].geometry.raster) if taken else None
@@ -245,7 +245,7 @@ class _Planner:
         cube, setup = self._field(), self._setup()
         if cube is not None:
             self._refuse_beyond(*cube.spans())
-        air, even = self._air(setup, cube), EvenAir(setup, "surfaces in mean air")
+        air, even = self._air(setup, cube), UniformAir(setup, "surfaces in mean air")
         flow = self.scene.atmosphere.fluctuations
         wind = STILL if flow is None or cube is None else flow.wind_m_s
         taken = self.sampling.exposures(wind)

@@ -5,10 +5,13 @@ A hook says what a kind of plugin must keep; built-ins and third parties' go the
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cache
 from importlib import import_module
+from importlib.util import find_spec
+from pathlib import Path
 from typing import Any
 
 import pluggy
@@ -43,6 +46,22 @@ class Origin:
     name: str
     module: str
     distribution: str
+
+
+def built_ins(package: str, register: str) -> dict[str, str]:
+    """Returns the plugins in a package of thzcl's own: name to module, as the modules' texts say.
+
+    A plugin is one file with a function `register`; no list of them is kept, and none is imported.
+    """
+    spec = find_spec(package)
+    folders = (spec.submodule_search_locations if spec else None) or []
+    found: dict[str, str] = {}
+    for path in sorted(path for folder in folders for path in Path(folder).glob("*.py")):
+        text = path.read_text(encoding="utf-8")
+        if re.search(rf"^def {register}\(", text, re.MULTILINE):
+            names = re.findall(r'^    name = "([^"]+)"$', text, re.MULTILINE)
+            found |= dict.fromkeys(names, f"{package}.{path.stem}")
+    return found
 
 
 def origins(hook: Hook) -> list[Origin]:

@@ -22,12 +22,7 @@ HOOK = Hook(
     base=Sensor,
     contracts=range(1, CONTRACT + 1),
     members={"Params": (Parameters, "thzcl.sensor.Parameters")},
-    built_ins={
-        "passive-spectral": "thzcl.sensors.passive_spectral",
-        "passive-broadband": "thzcl.sensors.passive_broadband",
-        "active": "thzcl.sensors.active",
-        "raster-scan": "thzcl.sensors.raster_scan",
-    },
+    built_ins=loader.built_ins("thzcl.sensors", "register_sensors"),
 )
 Input = TypeVar("Input")  # Radiances, Echoes or a View
 

@@ -26,6 +26,7 @@ from thzcl.results.result import Result
 from thzcl.results.versions import versions
 from thzcl.sensing.transfer import ShadeSpec
 from thzcl.surfaces.ends import EndsSpec
+from thzcl.surfaces.geometry import KINDS
 from thzcl.turbulence.fields import AnyField
 
 if TYPE_CHECKING:
@@ -175,7 +176,7 @@ def _works(specs: Sequence[Spec], segments: int) -> list[Work]:
     gathers = segments * (2 if warm else 1)
     return [
         Work("field", ("humidity-field",), "voxels", sum(voxels), copies, moved),
-        Work("surfaces", ("ground", "boxes", "billboards"), "rays", rays),
+        Work("surfaces", KINDS, "rays", rays),
         Work("trace", traces, "segments", segments, "gather-coherent", gathers),
         Work("shading", ("shading",), "pixel_frequencies", shaded, copies, through),
     ]

@@ -266,7 +266,7 @@ def outgoing_ends(
 
 def _kinds(things: Things) -> dict[str, bool]:
     """Returns the kernels' options that say which kinds of surfaces there are."""
-    return {kind: kind in things.kinds for kind in _LEFT_OUT}
+    return {kind: kind in things.kinds for kind in geometry.KINDS}
 
 
 def _things(device: Device, things: Things) -> dict[str, Any]:

@@ -40,6 +40,9 @@ class Surface(NamedTuple):
     mirror: Mirror
 
 
+KINDS = ("ground", "boxes", "billboards")  # of surfaces: options of kernels, stages of a plan
+
+
 @frozen
 class Things:
     """The things that rays can meet, as tables for the kernels.
@@ -63,13 +66,9 @@ class Things:
 
     @property
     def kinds(self) -> tuple[str, ...]:
-        """Returns the kinds of things that exist, of "ground", "boxes" and "billboards"."""
-        there = {
-            "ground": self.ground,
-            "boxes": self.boxes.shape[0] > 0,
-            "billboards": self.billboards.shape[0] > 0,
-        }
-        return tuple(name for name, present in there.items() if present)
+        """Returns the kinds that exist, of KINDS."""
+        there = self.ground, self.boxes.shape[0] > 0, self.billboards.shape[0] > 0
+        return tuple(kind for kind, present in zip(KINDS, there, strict=True) if present)
 
 
 @frozen

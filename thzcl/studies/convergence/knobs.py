@@ -19,11 +19,11 @@ from thzcl.plan import numerics
 from thzcl.plan.variant import PlannedVariant
 from thzcl.studies.convergence.specs import Change, by_library, by_steps, by_table, in_coarse_air
 from thzcl.studies.convergence.subject import EXACT, Contrasts, Subject, pixels
+from thzcl.surfaces.geometry import KINDS
 from thzcl.turbulence.fields import AnyField, FieldSpec
 from thzcl.turbulence.spectra import Turbulence
 
 TRACED = ("trace", "path-emission", "outgoing-path", "shading")
-SURFACES = ("ground", "boxes", "billboards")
 FITS = ("plan", "surrogate")
 MOST_SAMPLES = 64  # rays to a pixel, each way eight: the reference for sampling
 FINEST_GRID = 256
@@ -178,7 +178,7 @@ def samples(subject: Subject) -> Knob:
     ]
     finest = {"camera.samples_per_pixel": most}
     exact = cache(lambda: subject.contrasts(subject.plan_with(finest), Clock()))
-    return Knob("samples", (*SURFACES, *TRACED), tuple(settings), exact)
+    return Knob("samples", (*KINDS, *TRACED), tuple(settings), exact)
 
 
 def _fits(subject: Subject, samples_per_pixel: int) -> bool:

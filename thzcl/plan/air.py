@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from thzcl.air.expansion import ExpansionSpec, TrimmedSpec
 from thzcl.air.mean import Air
 from thzcl.error.budget import Attenuated, Emitted, Light, Transfer
-from thzcl.error.rays import RAYS, EvenAirSpec, VoxelAirSpec, affordable
+from thzcl.error.rays import RAYS, UniformAirSpec, VoxelAirSpec, affordable
 from thzcl.graph import Values
 from thzcl.paths.emission import AT_ONCE
 from thzcl.paths.specs import (
@@ -96,7 +96,7 @@ class Setup:
 
 
 @dataclass(frozen=True)
-class EvenAir:
+class UniformAir:
     """Air that is the same everywhere; `why` is the reason why there is no cube."""
 
     setup: Setup
@@ -113,10 +113,10 @@ class EvenAir:
         path = ways[0] if len(ways) == 1 else RoundTripSpec(*ways)
         return ShadeSpec(path, self.expansion, self.setup.sources, self.setup.spectrum)
 
-    def walked(self, taken: Exposure) -> EvenAirSpec:
+    def walked(self, taken: Exposure) -> UniformAirSpec:
         """Returns the air that the float64 twin walks through."""
         del taken
-        return EvenAirSpec()
+        return UniformAirSpec()
 
     def budget_rays(self, mean_m: float) -> int:
         """Returns the number of rays that the float64 twin follows."""
@@ -179,11 +179,23 @@ def _camera(shape: Geometry) -> Point:
 
 
 @dataclass(frozen=True)
-class TurbulentAir:
-    """Air of one temperature whose humidity fluctuates; one trace serves all frequencies."""
+class _CubeAir:
+    """What both kinds of air that fill a cube have in common."""
 
     setup: Setup
     cube: Moving
+
+    def walked(self, taken: Exposure) -> VoxelAirSpec:
+        """Returns the air that the float64 twin walks through."""
+        return VoxelAirSpec(self.cube.field, self.cube.motion(taken.times_s))
+
+    def segments_a_ray(self, longest_m: float) -> float:
+        """Returns about the number of segments of a ray of `longest_m`."""
+        return 1.8 * longest_m / self.cube.field.voxel_m + 3
+
+
+class TurbulentAir(_CubeAir):
+    """Air of one temperature whose humidity fluctuates; one trace serves all frequencies."""
 
     @property
     def expansion(self) -> ExpansionSpec:
@@ -213,29 +225,17 @@ class TurbulentAir:
             self.cube.segments(ends, _camera(taken.geometry)),
         )
 
-    def walked(self, taken: Exposure) -> VoxelAirSpec:
-        """Returns the air that the float64 twin walks through."""
-        return VoxelAirSpec(self.cube.field, self.cube.motion(taken.times_s))
-
     def budget_rays(self, mean_m: float) -> int:
         """Returns the number of rays that the twin follows, of a mean length of `mean_m` in all."""
         return affordable(mean_m, self.cube.field.voxel_m, 1)
-
-    def segments_a_ray(self, longest_m: float) -> float:
-        """Returns about the number of segments of a ray of `longest_m`."""
-        return 1.8 * longest_m / self.cube.field.voxel_m + 3
 
     def twin(self, spectrum: Spectrum) -> Light:
         """Returns the float64 twin of what reaches the camera at some frequencies."""
         return self.setup.light(self.setup.attenuated(), spectrum)
 
 
-@dataclass(frozen=True)
-class WarmAir:
+class NonIsothermalAir(_CubeAir):
     """Air whose temperature fluctuates too, so that radiance is summed up along each path."""
-
-    setup: Setup
-    cube: Moving
 
     @property
     def expansion(self) -> TrimmedSpec:
@@ -262,18 +262,10 @@ class WarmAir:
             passes * self.cube.segments(ends, _camera(taken.geometry)),
         )
 
-    def walked(self, taken: Exposure) -> VoxelAirSpec:
-        """Returns the air that the float64 twin walks through."""
-        return VoxelAirSpec(self.cube.field, self.cube.motion(taken.times_s))
-
     def budget_rays(self, mean_m: float) -> int:
         """Returns the number of rays that the twin follows, of a mean length of `mean_m` in all."""
         work = 2 * self.setup.spectrum.nodes_hz.shape[0]
         return affordable(mean_m, self.cube.field.voxel_m, work)
-
-    def segments_a_ray(self, longest_m: float) -> float:
-        """Returns about the number of segments of a ray of `longest_m`."""
-        return 1.8 * longest_m / self.cube.field.voxel_m + 3
 
     def twin(self, spectrum: Spectrum) -> Light:
         """Returns the float64 twin of what reaches the camera at some frequencies."""
@@ -282,4 +274,4 @@ class WarmAir:
         return self.setup.light(self.setup.attenuated(), spectrum)
 
 
-AnyAir = EvenAir | TurbulentAir | WarmAir
+AnyAir = UniformAir | TurbulentAir | NonIsothermalAir
