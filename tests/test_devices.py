@@ -171,21 +171,43 @@ BISTATIC = scene(
 )
 
 
-def test_without_float64_nothing_shadows_itself(tmp_path):
+class WithoutFloat64(Device):
+    """A device that is told to have no float64, and whose kernels may not name it."""
+
+    def __init__(self, *arguments):
+        super().__init__(*arguments)
+        self.float64 = False
+
+    def _compiled(self, source, arguments):
+        return super()._compiled(f"#define double there_is_no_double\n{source}", arguments)
+
+
+@pytest.fixture
+def single(device, tmp_path, monkeypatch):
+    """What PoCL offers, without float64, and without programs of an earlier run."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    return WithoutFloat64(device.context.devices[0], device.info)
+
+
+def test_without_float64_nothing_shadows_itself(tmp_path, device, single):
     """One in twenty lit pixels did, where a float32 is too coarse to leave out its own surface."""
-    single = open_device()
-    single.float64 = False
     lit = [
         run(tmp_path, BISTATIC, device=opened).variants[0].image.layers["received_power"].values > 0
-        for opened in (open_device(), single)
+        for opened in (device, single)
     ]
     assert lit[0].sum() == 3050
     assert np.array_equal(*lit)
 
 
-def test_float64_is_refused_where_there_is_none(tmp_path):
-    single = open_device()
-    single.float64 = False
+def test_without_float64_the_image_is_the_same(tmp_path, device, single):
+    data = scene(atmosphere__fluctuations__temperature_sigma_k=1.0)
+    one, other = (run(tmp_path, data, device=opened) for opened in (device, single))
+    image, same = (np.asarray(found.variants[0].image.values) for found in (one, other))
+    assert np.ptp(image) > 5
+    assert same == pytest.approx(image, abs=1e-4)
+
+
+def test_float64_is_refused_where_there_is_none(tmp_path, single):
     with pytest.raises(DeviceError, match="cannot compute in float64; set numerics"):
         run(tmp_path, scene(numerics__precision="float64"), device=single)
 

@@ -25,10 +25,12 @@
     MOVES_IN(__global, type) \
     MOVES_IN(__private, type)
 MOVES(float)
-MOVES(double)
 MOVES(int)
 MOVES(uint)
 MOVES(long)
+#ifdef WIDE
+MOVES(double)
+#endif
 #undef LOAD
 #define LOAD(p) load_packet(p)
 #undef STORE
