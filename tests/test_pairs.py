@@ -408,3 +408,25 @@ def test_a_polynomial_is_the_same_alone_and_beside_longer_ones(tmp_path, device)
         assert bits(alone) == bits(together[number])
         depth, other = (one.sight.optical_depth for one in (alone, together[number]))
         assert np.array_equal(depth, other)
+
+
+# --- opaque frequencies beside clear ones ----------------------------------------------------
+
+
+def test_opaque_frequencies_take_no_surface_from_clear_ones(tmp_path):
+    """More frequencies than one pass takes, of which the first end all rays before the box.
+
+    At the others, rays that meet nothing are long enough for a cut-off.
+    """
+    opaque = [round(556.9 + 0.01 * n, 3) for n in range(8)]
+    clear = [float(640 + 2 * n) for n in range(8)]
+    sensor = {"kind": "passive-spectral", "frequency_ghz": clear}
+    warm = {"atmosphere__fluctuations__temperature_sigma_k": 1.0, "background__max_range_m": 900.0}
+    alone = run(tmp_path, scene(**warm, sensor=sensor))
+    sensor = sensor | {"frequency_ghz": opaque + clear}
+    beside = run(tmp_path, scene(**warm, sensor=sensor))
+    contrast = alone.variants[0].radiances.contrast
+    assert np.abs(contrast).max() > 0
+    found = beside.variants[0].radiances.contrast[len(opaque) :]
+    assert np.abs(found - contrast).max() < 1e-6 * np.abs(contrast).max()
+    assert beside.error_budget["total"]["relative"] < 1e-6

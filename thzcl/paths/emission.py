@@ -117,17 +117,18 @@ def trace_emission(
 
     A ray ends at the optical depth `cutoff`, or goes to its end if that is None.
     """
-    changed = changed_ends(device, ends, cutoff)
-    parts = [
-        _emission_pass(device, ends, medium, tables.some(first), cutoff, changed, precision)
+    passes = [
+        _emission_pass(device, ends, medium, tables.some(first), cutoff, precision)
         for first in range(0, len(tables.coefficients), AT_ONCE)
     ]
-    depth, contrast = (
-        part[0].host() if len(part) == 1 else np.concatenate([one.host() for one in part])
-        for part in zip(*parts, strict=True)
+    depths, contrasts, lengths, surfaces = zip(*passes, strict=True)
+    # Where opaque frequencies end a ray, others may let it go on to the surface, which is above 0.
+    return Carried(
+        np.concatenate(depths),
+        np.concatenate(contrasts),
+        np.maximum.reduce(lengths),
+        np.maximum.reduce(surfaces),
     )
-    path_length, surface = (buffer.host() for buffer in changed)
-    return Carried(depth, contrast, path_length, surface)
 
 
 def _emission_pass(
@@ -136,15 +137,14 @@ def _emission_pass(
     medium: Medium,
     tables: Emitting,
     cutoff: float | None,
-    own_ends: tuple[Buffer, Buffer],
     precision: str,
-) -> tuple[Buffer, Buffer]:
-    """Returns depth and contrast at the frequencies of some tables, both (frequency, ray)."""
+) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any], NDArray[np.int32]]:
+    """Returns what Carried holds, at the frequencies of some tables."""
     program = device.build(_kernels(ends, medium, tables, cutoff), precision)
     shape = len(tables.coefficients), ends.rays
     depth, contrast = (device.empty(shape, precision) for _ in range(2))
     segments = device.empty((ends.rays // program.lanes,), np.int32)
-    path_length, surface = own_ends
+    path_length, surface = changed_ends(device, ends, cutoff)
     program.run(
         "emission",
         len(segments),
@@ -162,7 +162,7 @@ def _emission_pass(
         contrast_out=contrast,
     )
     device.counters.segments += int(segments.host().sum(dtype=np.int64))
-    return depth, contrast
+    return depth.host(), contrast.host(), path_length.host(), surface.host()
 
 
 def _kernels(
