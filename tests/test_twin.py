@@ -118,7 +118,7 @@ def test_depth_is_absorption_along_the_path(warm):
     right = [
         [(absorbed(hz, delta, offset) * metres).sum() for delta, offset, metres in met] for hz in HZ
     ]
-    np.testing.assert_allclose(twin.depth(absorber, path), right, rtol=1e-12)
+    np.testing.assert_allclose(absorber.depth(path), right, rtol=1e-12)
 
 
 def test_a_path_is_cut_where_it_is_told():
@@ -126,14 +126,14 @@ def test_a_path_is_cut_where_it_is_told():
     path, _ = walked(warm=False)
     whole, half = path.length.sum(axis=1), path.length.sum(axis=1) / 2
     absorber = twin.exact(AIR, HZ, HUMIDITY, (0.0, 0.0))
-    before = twin.depth(absorber, path)
+    before = absorber.depth(path)
     cut = path.cut(half)
     origin, direction, _ = rays(20)
     lengths, voxel = twin.walk(origin, direction, half, VOXEL_M, GRID)
     short = twin.Path(lengths, cubes()[0].ravel()[voxel], None, HUMIDITY)
     np.testing.assert_allclose(cut.length.sum(axis=1), half, rtol=1e-14)
-    np.testing.assert_allclose(twin.depth(absorber, cut), twin.depth(absorber, short), rtol=1e-12)
-    np.testing.assert_array_equal(twin.depth(absorber, path.cut(2 * whole)), before)
+    np.testing.assert_allclose(absorber.depth(cut), absorber.depth(short), rtol=1e-12)
+    np.testing.assert_array_equal(absorber.depth(path.cut(2 * whole)), before)
 
 
 def test_moments_are_the_same_however_many_are_asked_for():
@@ -181,7 +181,38 @@ def test_a_polynomial_is_followed_as_it_is(warm):
     right = [
         (polynomial.absorption(delta, offset) * metres).sum(axis=1) for delta, offset, metres in met
     ]
-    ours = twin.depth(twin.of_surrogate(polynomial), path)
+    ours = twin.of_surrogate(polynomial).depth(path)
     np.testing.assert_allclose(ours, np.transpose(right), rtol=1e-12)
-    exact = twin.depth(twin.exact(AIR, HZ, *spans), path)
+    exact = twin.exact(AIR, HZ, *spans).depth(path)
     assert np.abs(ours / exact - 1).max() > 1e-5
+
+
+STEPPED = """
+import numpy as np
+from thzcl.constituent import Constituent, OpticalProperties, Parameters, hookimpl
+
+class Odd(Constituent):
+    name = "odd"
+    contract = 1
+    Params = Parameters
+
+    def optics(self, frequency_hz, temperature_k, pressure_hpa, vapour_hpa):
+        return OpticalProperties(np.where(vapour_hpa > 17.0, 0.05, 0.0005) + 0 * frequency_hz)
+
+@hookimpl
+def register_constituents(): return [Odd]
+"""
+
+
+@pytest.mark.parametrize("warm", [False, True])
+def test_a_model_with_steps_is_asked_itself(odd, warm):
+    """No series follows a step; what is smooth is followed by one."""
+    path, _ = walked(warm=warm)
+    air = Air((part("none"), part(odd(STEPPED))), 290.0, 1013.25, 10.0)
+    spans = HUMIDITY, TEMPERATURE if warm else (0.0, 0.0)
+    absorber = twin.exact(air, HZ, *spans)
+    assert set(absorber.direct) == {0, 1}
+    offset = path.offset if warm else np.zeros_like(path.delta)
+    right = (air.absorption(HZ[:, None, None], path.delta, offset) * path.length).sum(axis=2)
+    np.testing.assert_allclose(absorber.depth(path), right, rtol=1e-12)
+    assert not twin.exact(AIR, HZ, *spans).direct

@@ -119,7 +119,7 @@ class Setting:
         span = self.expansion.humidity_span
         nodes = self.expansion.frequency_hz[:1]
         absorber = twin.exact(self.expansion.air, nodes, span, (0.0, 0.0))
-        return twin.depth(absorber, twin.Path(met.length, met.delta, None, span))[0]
+        return absorber.depth(twin.Path(met.length, met.delta, None, span))[0]
 
     def error(self, transmission: np.ndarray) -> float:
         """Returns the rms error of the contrast over the checked rays, relative to the largest.

@@ -61,7 +61,7 @@ class Attenuated:
     ) -> Array:
         """Returns the contrast that reaches the camera from `source`, both (frequency, ray)."""
         del frequency_hz
-        depth = sum(twin.depth(absorber, way) for way in ways)
+        depth = sum(absorber.depth(way) for way in ways)
         return np.asarray(source * np.exp(-self.trips * depth))
 
 

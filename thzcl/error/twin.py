@@ -9,20 +9,21 @@ the twin, and `thzcl stress` compares its cases with it.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
-from functools import lru_cache
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from functools import lru_cache, partial
 
 import numpy as np
 from numpy.typing import NDArray
 
-from thzcl.air.expansion import Expansion, chebyshev_series, possible
+from thzcl.air.expansion import AMONG, Expansion, between, chebyshev_series, possible
 from thzcl.air.mean import Air
 from thzcl.air.radiometry import BOLTZMANN, LIGHT_SPEED, PLANCK
 
 Array = NDArray[np.float64]
 Span = tuple[float, float]
 NEGLIGIBLE = 1e-15  # of the largest term: smaller terms of a Chebyshev series are left out
+EVEN = 1e-9  # of the largest absorption: series that err by more are not used
 TERMS_AT_ONCE = 16  # moments that are computed together, more than most airs need
 
 
@@ -87,12 +88,15 @@ class Absorber:
     """Absorption in 1/m as a Chebyshev series (frequency, humidity, temperature) over two spans.
 
     With 33 nodes each way it agrees with MPM93 to 1e-12 of the largest absorption (1e-11 at 1 hPa),
-    even at the centres of lines, and is a thousand times faster than the model itself.
+    even at the centres of lines, and is a thousand times faster than the model itself. At
+    frequencies whose numbers `direct` holds, no series agrees, and the model itself is asked, as a
+    function of delta and offset.
     """
 
     series: Array
     humidity_span: Span
     temperature_span: Span
+    direct: Mapping[int, Callable[[Array, Array], Array]]
 
     def along(self, path: Path) -> Iterator[Array]:
         """Yields the absorption along rays, (ray, segment), for one frequency after the other."""
@@ -104,8 +108,26 @@ class Absorber:
                 (path.offset, self.temperature_span, self.series.shape[2]),
             )
         )
-        for rows in self.series:
-            yield np.asarray(np.einsum("krs,krs->rs", of_d, np.tensordot(rows, of_t, 1)))
+        for number, rows in enumerate(self.series):
+            if number in self.direct:
+                yield self.direct[number](path.delta, path.offset)
+            else:
+                yield np.asarray(np.einsum("krs,krs->rs", of_d, np.tensordot(rows, of_t, 1)))
+
+    def depth(self, path: Path) -> Array:
+        """Returns the optical depth of rays, (frequency, ray)."""
+        if path.offset is not None:
+            return np.array([_summed(per_m, path) for per_m in self.along(path)])
+        rows = self.series[:, :, 0]
+        found = rows @ path.moments(rows.shape[1])
+        for number, law in self.direct.items():
+            found[number] = _summed(law(path.delta, np.zeros(1)), path)
+        return np.asarray(found)
+
+
+def _summed(per_m: Array, path: Path) -> Array:
+    """Returns the integral along rays, (ray,), of what their segments have per metre."""
+    return np.asarray(np.einsum("rs,rs->r", per_m, path.length))
 
 
 def exact(air: Air, frequency_hz: Array, humidity_span: Span, temperature_span: Span) -> Absorber:
@@ -127,7 +149,26 @@ def _exact(air: Air, frequencies: tuple[float, ...], spans: tuple[Span, Span]) -
     humidity, temperature = (
         1 + int(np.flatnonzero(worth.any(axis=axis))[-1]) if worth.any() else 1 for axis in (1, 0)
     )
-    return Absorber(series[:, :humidity, :temperature], *spans)
+    found = Absorber(series[:, :humidity, :temperature], *spans, {})
+    laws = {n: partial(air.absorption, np.array(frequencies[n])) for n in _uneven(air, hz, found)}
+    return replace(found, direct=laws)
+
+
+def _uneven(air: Air, hz: Array, found: Absorber) -> list[int]:
+    """Returns the numbers of the frequencies (frequency, 1, 1) at which the series fails.
+
+    The model has steps or kinks there. It is tried between the nodes, along both diagonals of the
+    spans.
+    """
+    delta, offset = (
+        np.resize(between(span), 2 * AMONG)
+        for span in (found.humidity_span, found.temperature_span)
+    )
+    offset[AMONG:] = offset[AMONG - 1 :: -1]
+    right = air.absorption(hz[:, :, 0], delta, offset)
+    tried = found.along(Path(np.ones((1, len(delta))), delta[None], offset[None], (0.0, 0.0)))
+    wrong = np.array([values[0] for values in tried]) - right
+    return np.flatnonzero(np.abs(wrong).max(axis=1) > EVEN * right.max(axis=1)).tolist()
 
 
 def of_surrogate(surrogate: Expansion) -> Absorber:
@@ -135,7 +176,7 @@ def of_surrogate(surrogate: Expansion) -> Absorber:
     spans = (surrogate.humidity_span, surrogate.temperature_span)
     _, humidity, temperature = surrogate.coefficients.shape
     series = chebyshev_series(surrogate.absorption, *spans)
-    return Absorber(series[:, :humidity, :temperature], *spans)
+    return Absorber(series[:, :humidity, :temperature], *spans, {})
 
 
 def chebyshev(values: Array, span: Span, count: int) -> Iterator[Array]:
@@ -148,14 +189,6 @@ def chebyshev(values: Array, span: Span, count: int) -> Iterator[Array]:
         following = u * now
         following -= before
         before, now = now, following
-
-
-def depth(absorber: Absorber, path: Path) -> Array:
-    """Returns the optical depth of rays, (frequency, ray)."""
-    if path.offset is None:
-        rows = absorber.series[:, :, 0]
-        return np.asarray(rows @ path.moments(rows.shape[1]))
-    return np.array([np.einsum("rs,rs->r", per_m, path.length) for per_m in absorber.along(path)])
 
 
 def emission(

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from thzcl.air import radiometry
 from thzcl.air.expansion import Expansion
-from thzcl.device.opencl import Buffer, Device
+from thzcl.device.opencl import Device
 from thzcl.paths.trace import MarchKernels, Medium, changed_ends, march_options, placed
 from thzcl.surfaces import source
 from thzcl.surfaces.ends import RayEnds
