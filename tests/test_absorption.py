@@ -13,8 +13,9 @@ from thzcl.air import humidity, spectrum
 from thzcl.air.constituents import part
 from thzcl.air.expansion import fit
 from thzcl.air.mean import Air
-from thzcl.air.mpm93 import DB_KM_PER_INVERSE_METRE, attenuation
+from thzcl.air.mpm93 import attenuation
 from thzcl.air.spectrum import values
+from thzcl.constituent import DB_KM_PER_INVERSE_METRE
 
 MOIST = "relative_humidity_percent"
 ROUNDING = 1e-12  # of float64 sums of some hundred terms

@@ -24,15 +24,18 @@ parameters `Params`, a manual page as docstring, and `optics()`:
 
 A scene puts it into its air with a table [atmosphere.dust], whatever gas `model` chooses. A
 constituent marked `gas = True` is one that `model` chooses. It never sees OpenCL, files or the
-scene: it is a pure function of frequency and state, in float64. `thzcl new-constituent NAME` writes
-a package around such a class that can be installed as it is.
+scene: it is a pure function of frequency and state, in float64. What gases that are sums over
+spectral lines have in common stands at the end. `thzcl new-constituent NAME` writes a package
+around such a class that can be installed as it is.
 """
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
+from functools import cache
 from pathlib import Path
 from typing import Any, ClassVar, Literal, NamedTuple
 
@@ -47,6 +50,8 @@ from thzcl.scenario.table import key as parameter
 
 __all__ = [
     "CONTRACT",
+    "DB_KM_PER_INVERSE_METRE",
+    "Attenuation",
     "Constituent",
     "File",
     "Grid",
@@ -55,10 +60,14 @@ __all__ = [
     "Span",
     "file_parameter",
     "hookimpl",
+    "line_blocks",
+    "line_table",
+    "moist_air",
     "parameter",
 ]
 
 CONTRACT = 1
+DB_KM_PER_INVERSE_METRE = 1e4 / np.log(10.0)  # 4342.9448
 Array = NDArray[np.float64]
 hookimpl = pluggy.HookimplMarker("thzcl")
 
@@ -95,9 +104,9 @@ class OpticalProperties:
 class Span(NamedTuple):
     """A range in which a constituent is valid, its ends included.
 
-    `words` say what ends there. Outside of `warn`, where that is given, users are told that the
-    absorption is an extrapolation. A value that misses an end by a billionth of it counts as
-    inside.
+    `words` say what ends there. Outside of `warn`, where that is given, users are told what
+    `beyond` says, or else that the absorption is an extrapolation. A value that misses an end by a
+    billionth of it counts as inside.
     """
 
     quantity: Literal["frequency_ghz", "temperature_k", "pressure_hpa", "vapour_hpa"]
@@ -105,6 +114,7 @@ class Span(NamedTuple):
     most: float
     words: str = ""
     warn: tuple[float, float] | None = None
+    beyond: str = ""
 
 
 @dataclass(frozen=True)
@@ -195,3 +205,81 @@ class Constituent(ABC):
         """
         del temperature_k, pressure_hpa, vapour_hpa
         return (), np.inf
+
+
+# --- gases that are sums over spectral lines -----------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Attenuation:
+    """The specific attenuation of dry air and of water vapour (lines and continuum), in dB/km.
+
+    Both arrays have the shape to which the inputs broadcast.
+    """
+
+    dry_db_km: Array
+    vapour_db_km: Array
+
+    @property
+    def total_db_km(self) -> Array:
+        """Returns the specific attenuation of moist air, dB/km."""
+        return self.dry_db_km + self.vapour_db_km
+
+    @property
+    def total_per_m(self) -> Array:
+        """Returns the absorption coefficient of power, 1/m."""
+        return np.asarray(self.total_db_km / DB_KM_PER_INVERSE_METRE)
+
+    def optics(self) -> OpticalProperties:
+        """Returns the absorption, in parts of dry air and of vapour."""
+        return OpticalProperties(
+            self.total_per_m,
+            parts={
+                "dry": self.dry_db_km / DB_KM_PER_INVERSE_METRE,
+                "vapour": self.vapour_db_km / DB_KM_PER_INVERSE_METRE,
+            },
+        )
+
+
+def moist_air(
+    frequency_ghz: ArrayLike,
+    temperature_k: ArrayLike,
+    pressure_hpa: ArrayLike,
+    vapour_hpa: ArrayLike,
+) -> tuple[Array, Array, Array, Array]:
+    """Returns frequency and state as float64 arrays that have the same number of axes.
+
+    They are not spread out to their common shape: what depends on a few of them is computed once.
+    `pressure_hpa` is the total pressure. Raises ValueError for a temperature that is not above 0 K,
+    and for a vapour pressure outside 0 to the total pressure.
+    """
+    given = (frequency_ghz, temperature_k, pressure_hpa, vapour_hpa)
+    arrays = [np.asarray(x, dtype=np.float64) for x in given]
+    axes = max(x.ndim for x in arrays)
+    f, t, p, e = (x.reshape((1,) * (axes - x.ndim) + x.shape) for x in arrays)
+    if not np.all((t > 0) & (e >= 0) & (e <= p)):
+        raise ValueError(
+            "temperature must be above 0 K, and vapour pressure between 0 and the total pressure"
+        )
+    return f, t, p, e
+
+
+@cache
+def line_table(path: Path) -> Array:
+    """Returns the numbers of a CSV file, (line, column); its comments and header are skipped.
+
+    A comment begins with "#", and the first line that is none is the header.
+    """
+    text = path.read_text(encoding="utf-8")
+    rows = [line for line in text.splitlines() if line and not line.startswith("#")][1:]
+    return np.array([[float(cell) for cell in row.split(",")] for row in rows])
+
+
+def line_blocks(table: Array, shape: tuple[int, ...]) -> Iterator[Array]:
+    """Yields the columns of a line table, (column, line, 1, ...), block by block of lines.
+
+    A block is small enough for the cache, and its columns broadcast against (line, *shape).
+    """
+    count = min(len(table), 1 + math.prod(shape) * len(table) // 50_000)
+    for block in np.array_split(table, count):
+        yield block.T.reshape(block.shape[1], -1, *(1,) * len(shape))

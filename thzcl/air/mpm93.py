@@ -7,49 +7,33 @@ that paper, as printed, lie beside this file.
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterator
-from dataclasses import dataclass
-from functools import cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from thzcl.constituent import Constituent, OpticalProperties, Parameters, Span, hookimpl
+from thzcl.constituent import (
+    Attenuation,
+    Constituent,
+    OpticalProperties,
+    Parameters,
+    Span,
+    hookimpl,
+    line_blocks,
+    line_table,
+    moist_air,
+)
 
 Array = NDArray[np.float64]
 
 MODELS = ("mpm93", "mpm93-corrected")
 STATED_TO_GHZ = 1000.0  # the end of the range that its authors state
 REFUSED_ABOVE_GHZ = 1780.0  # the centre of its continuum pseudo-line
-DB_KM_PER_INVERSE_METRE = 1e4 / np.log(10.0)  # 4342.9448
 
 # Water isotopologues whose printed strengths are about 10 and 81 times too strong: the physical
 # ones are that of the 556.936 GHz line of H2-16O times the abundances of H2-18O and H2-17O.
 _CORRECTED_STRENGTHS = {547.676440: 48.74 * 0.00199983, 552.020960: 48.74 * 0.000372}
-
-
-@dataclass(frozen=True)
-class Attenuation:
-    """The specific attenuation of dry air and of water vapour (lines and continuum), in dB/km.
-
-    Both arrays have the shape to which the inputs broadcast.
-    """
-
-    dry_db_km: Array
-    vapour_db_km: Array
-
-    @property
-    def total_db_km(self) -> Array:
-        """Returns the specific attenuation of moist air, dB/km."""
-        return self.dry_db_km + self.vapour_db_km
-
-    @property
-    def total_per_m(self) -> Array:
-        """Returns the absorption coefficient of power, 1/m."""
-        return np.asarray(self.total_db_km / DB_KM_PER_INVERSE_METRE)
 
 
 def attenuation(
@@ -62,21 +46,12 @@ def attenuation(
     for a frequency outside 0 to 1780 GHz, a vapour pressure outside 0 to the total pressure, or an
     unknown model.
     """
-    inputs = [
-        np.asarray(x, dtype=np.float64)
-        for x in (frequency_ghz, temperature_k, pressure_hpa, vapour_pressure_hpa)
-    ]
-    shape = np.broadcast_shapes(*(x.shape for x in inputs))
-    # They are not spread out to that shape: what depends on a few of them is computed once.
-    f, t, total, e = (x.reshape((1,) * (len(shape) - x.ndim) + x.shape) for x in inputs)
     if model not in MODELS:
         raise ValueError(f"unknown absorption model {model!r}; choose one of {', '.join(MODELS)}")
+    f, t, total, e = moist_air(frequency_ghz, temperature_k, pressure_hpa, vapour_pressure_hpa)
+    shape = np.broadcast_shapes(f.shape, t.shape, total.shape, e.shape)
     if not np.all((f > 0) & (f <= REFUSED_ABOVE_GHZ)):
         raise ValueError(f"MPM93 knows frequencies above 0 and up to {REFUSED_ABOVE_GHZ:g} GHz")
-    if not np.all((t > 0) & (e >= 0) & (e <= total)):
-        raise ValueError(
-            "temperature must be above 0 K, and vapour pressure between 0 and the total pressure"
-        )
     theta = 300.0 / t
     dry_pressure = total - e
     scale = 0.1820 * f
@@ -102,7 +77,7 @@ def line_width_ghz(pressure_hpa: float) -> float:
 def _oxygen(f: Array, theta: Array, p: Array, e: Array, shape: tuple[int, ...]) -> Array:
     """Returns the imaginary refractivity N'' in ppm of oxygen lines and non-resonant spectrum."""
     lines = np.zeros(shape)
-    for f0, a1, a2, a3, a4, a5, a6 in _blocks("mpm93_oxygen_lines.csv", shape):
+    for f0, a1, a2, a3, a4, a5, a6 in line_blocks(_table("mpm93_oxygen_lines.csv"), shape):
         strength = 1e-6 * a1 / f0 * p * theta**3 * np.exp(a2 * (1 - theta))
         width = 1e-3 * a3 * (p * theta ** (0.8 - a4) + 1.1 * e * theta)
         width = np.sqrt(width**2 + (25 * 0.6e-4) ** 2)  # Zeeman splitting
@@ -129,7 +104,7 @@ def _water(
     """Returns the imaginary refractivity N'' in ppm of water-vapour lines and pseudo-line."""
     total = np.zeros(shape)
     thin_air = p + e < 0.7
-    for f0, b1, b2, b3, b4, b5, b6 in _blocks("mpm93_water_lines.csv", shape):
+    for f0, b1, b2, b3, b4, b5, b6 in line_blocks(_table("mpm93_water_lines.csv"), shape):
         strength = b1
         for line, physical in _CORRECTED_STRENGTHS.items() if corrected else ():
             strength = np.where(f0 == line, physical, strength)
@@ -142,24 +117,9 @@ def _water(
     return total
 
 
-def _blocks(name: str, shape: tuple[int, ...]) -> Iterator[Array]:
-    """Yields the columns of a line table, (column, line, 1, ...), block by block of lines.
-
-    A block is small enough for the cache, and its columns broadcast against (line, *shape).
-    """
-    table = _table(name)
-    for block in np.array_split(
-        table, min(len(table), 1 + math.prod(shape) * len(table) // 50_000)
-    ):
-        yield block.T.reshape(block.shape[1], -1, *(1,) * len(shape))
-
-
-@cache
 def _table(name: str) -> Array:
-    """Returns the numbers of a line table, (line, column); its header and comments are skipped."""
-    text = Path(__file__).with_name(name).read_text(encoding="utf-8")
-    rows = [line for line in text.splitlines() if line and not line.startswith("#")][1:]
-    return np.array([[float(cell) for cell in row.split(",")] for row in rows])
+    """Returns the numbers of a line table that lies beside this file, (line, column)."""
+    return line_table(Path(__file__).with_name(name))
 
 
 class MPM93(Constituent):
@@ -203,14 +163,7 @@ class MPM93(Constituent):
     ) -> OpticalProperties:
         """Returns the absorption, in parts of dry air and of vapour."""
         state = temperature_k, pressure_hpa, vapour_hpa
-        of_air = attenuation(self.name, frequency_hz / 1e9, *state)
-        return OpticalProperties(
-            of_air.total_per_m,
-            parts={
-                "dry": of_air.dry_db_km / DB_KM_PER_INVERSE_METRE,
-                "vapour": of_air.vapour_db_km / DB_KM_PER_INVERSE_METRE,
-            },
-        )
+        return attenuation(self.name, frequency_hz / 1e9, *state).optics()
 
     def lines(
         self, temperature_k: float, pressure_hpa: float, vapour_hpa: float

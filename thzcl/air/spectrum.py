@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from thzcl.air import constituents, humidity, validity
 from thzcl.air.constituents import Part
-from thzcl.air.mpm93 import DB_KM_PER_INVERSE_METRE
+from thzcl.constituent import DB_KM_PER_INVERSE_METRE
 
 Array = NDArray[np.float64]
 Record = dict[str, Any]  # a number, or None, by the names of COLUMNS
@@ -103,10 +103,15 @@ def records(
     return [dict(zip(COLUMNS, row, strict=True)) for row in zip(*listed, strict=True)]
 
 
-def notes(frequency_ghz: Array, gas: Part) -> list[str]:
-    """Returns what to tell of frequencies for which a gas extrapolates."""
+def notes(frequency_ghz: Array, temperature_k: Array, pressure_hpa: float, gas: Part) -> list[str]:
+    """Returns what to tell of frequencies and states for which a gas extrapolates."""
     made = constituents.made(gas)
-    asked = validity.ranges(made.limited, frequency_ghz=frequency_ghz)
+    asked = validity.ranges(
+        made.limited,
+        frequency_ghz=frequency_ghz,
+        temperature_k=temperature_k,
+        pressure_hpa=pressure_hpa,
+    )
     return validity.notes(gas.name, made.valid, asked)
 
 

@@ -43,7 +43,7 @@ def notes(name: str, spans: Iterable[Span], asked: Ranges) -> list[str]:
             unit = UNITS[span.quantity]
             stated = f"from {least:g}" if value < least else f"to {most:g}"
             text = f'{value:g} {unit}: "{name}" is stated {stated} {unit}'
-            found.append(f"{text}; beyond, absorption is an extrapolation")
+            found.append(f"{text}; beyond, {span.beyond or 'absorption is an extrapolation'}")
     return found
 
 

@@ -62,7 +62,8 @@ def absorption(
         print(as_csv(table), end="")
     else:
         show(table)
-    complain([f"note: {note}" for note in spectrum.notes(frequencies, gas(model))])
+    notes = spectrum.notes(frequencies, temperatures, pressure_hpa, gas(model))
+    complain([f"note: {note}" for note in notes])
 
 
 def _humidity(**given: float | None) -> tuple[str, float]:
