@@ -1,6 +1,6 @@
 """The truth for stress cases: closed forms, and the float64 twin's walk from voxel to voxel.
 
-Absorption is that of MPM93 itself at the humidity and temperature of each voxel, without
+Absorption is that of the gas itself at the humidity and temperature of each voxel, without
 polynomials, path moments or a cut-off. Nothing is taken from the run but the cube that it saved.
 """
 
@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from thzcl.air.mpm93 import attenuation, line_centers_ghz, line_width_ghz
+from thzcl.air import constituents
 from thzcl.error.twin import planck, planck_difference, transfer, walk
 from thzcl.results.contents import Cube
 from thzcl.scenario.scene import Box, Scene
@@ -58,11 +58,9 @@ def absorption(
     air = scene.atmosphere
     pascal = np.maximum(grams_m3, 0) / 1e3 * GAS_CONSTANT_OF_VAPOUR * temperature_k
     vapour_hpa = np.minimum(pascal / 100, air.pressure_hpa)
-    if air.model == "none":
-        return np.zeros(np.broadcast_shapes(frequency_hz.shape, vapour_hpa.shape))
-    return attenuation(
-        air.model, frequency_hz / 1e9, temperature_k, air.pressure_hpa, vapour_hpa
-    ).total_per_m
+    (gas,) = air.air.parts
+    state = temperature_k, air.pressure_hpa, vapour_hpa
+    return np.asarray(constituents.optical_properties(gas, frequency_hz, *state).absorption)
 
 
 def directions(scene: Scene) -> Array:
@@ -136,7 +134,7 @@ def _through(scene: Scene, frequency_hz: Array, cube: Cube, path_m: Array, surfa
     lengths, voxels = walk(
         np.broadcast_to(start, rays.shape), rays @ turn.T, path_m.ravel(), cube.voxel_m, grid
     )
-    # MPM93 is asked of each voxel once, however many rays meet it.
+    # The gas is asked of each voxel once, however many rays meet it.
     met, where = np.unique(voxels, return_inverse=True)
     where = where.reshape(voxels.shape)
     grams = cube.absolute_humidity_g_m3.ravel()[met].astype(np.float64)
@@ -172,7 +170,7 @@ def band(scene: Scene, low_hz: float, high_hz: float, power: float) -> BandTruth
 
     Radiance is weighted by frequency to the power `power`.
     """
-    hz, weights = _fine_rule(low_hz, high_hz, line_width_ghz(scene.atmosphere.pressure_hpa) * 1e9)
+    hz, weights = _fine_rule(low_hz, high_hz, *scene.atmosphere.air.lines())
     air_k = scene.atmosphere.temperature_k
     behind_k = _kelvin(scene.background.temperature_k, air_k)
     per_m = absorption(scene, hz, scene.atmosphere.air.absolute_humidity_g_m3, air_k)
@@ -185,7 +183,9 @@ def band(scene: Scene, low_hz: float, high_hz: float, power: float) -> BandTruth
     )
 
 
-def _fine_rule(low_hz: float, high_hz: float, line_width_hz: float) -> tuple[Array, Array]:
+def _fine_rule(
+    low_hz: float, high_hz: float, lines_hz: Array, line_width_hz: float
+) -> tuple[Array, Array]:
     """Returns frequencies and weights in Hz, some hundred times as many as a run takes.
 
     The band is cut into parts, each with a Gauss-Legendre rule of twelve points. The cuts approach
@@ -193,7 +193,7 @@ def _fine_rule(low_hz: float, high_hz: float, line_width_hz: float) -> tuple[Arr
     """
     span = 100 * (high_hz - low_hz) / line_width_hz
     steps = 0.01 * line_width_hz * 1.6 ** np.arange(np.ceil(np.log(span) / np.log(1.6)))
-    near = np.add.outer(line_centers_ghz() * 1e9, [*-steps, 0.0, *steps]).ravel()
+    near = np.add.outer(lines_hz, [*-steps, 0.0, *steps]).ravel()
     cuts = np.concatenate([near, np.linspace(low_hz, high_hz, 201)])
     cuts = np.unique(np.clip(cuts, low_hz, high_hz))
     x, w = np.polynomial.legendre.leggauss(12)
