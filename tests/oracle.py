@@ -1,8 +1,8 @@
 """Slow float64 twins of everything that thzcl computes, written for clarity.
 
-They share no code with the package. Sources: Liebe, Hufford and Cotton (1993) for absorption;
-Planck's law; O'Brien and Tofsted's equation (2) for the radiance at the camera; plain geometry for
-the rest.
+They share no code with the package. Sources: Liebe, Hufford and Cotton (1993), ITU-R P.676-13 and
+Rosenkranz (2024, doi:10.21982/M81013) for absorption; Planck's law; O'Brien and Tofsted's equation
+(2) for the radiance at the camera; plain geometry for the rest.
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ from __future__ import annotations
 import csv
 import math
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -22,6 +23,7 @@ H, K, C = 6.62607015e-34, 1.380649e-23, 299792458.0
 # ------------------------------------------------------------------------------------------
 
 
+@cache
 def lines(name):
     with (TABLES / name).open(newline="") as file:
         rows = [row for row in csv.reader(file) if not row[0].startswith("#")]
@@ -64,18 +66,121 @@ def attenuation_db_km(f, kelvin, pressure, e, corrected=False):
     return 0.1820 * f * dry, 0.1820 * f * vapour
 
 
+def p676_db_km(f, kelvin, pressure, e):
+    """(dry, vapour) in dB/km by ITU-R P.676-13, Annex 1; numbers or arrays."""
+    h, p = 300 / kelvin, pressure - e
+
+    def shape(f0, w, q):
+        near = (w - q * (f0 - f)) / ((f0 - f) ** 2 + w * w)
+        return f / f0 * (near + (w - q * (f0 + f)) / ((f0 + f) ** 2 + w * w))
+
+    d = 5.6e-4 * (p + e) * h**0.8
+    dry = 6.14e-5 / (d * (1 + (f / d) ** 2)) + 1.4e-12 * p * h**1.5 / (1 + 1.9e-5 * f**1.5)
+    dry = f * p * h**2 * dry
+    for f0, a1, a2, a3, a4, a5, a6 in lines("p676_13_oxygen_lines.csv"):
+        w = np.hypot(1e-4 * a3 * (p * h ** (0.8 - a4) + 1.1 * e * h), 1.5e-3)
+        q = 1e-4 * (a5 + a6 * h) * (p + e) * h**0.8
+        dry = dry + 1e-7 * a1 * p * h**3 * np.exp(a2 * (1 - h)) * shape(f0, w, q)
+    vapour = 0.0
+    for f0, b1, b2, b3, b4, b5, b6 in lines("p676_13_water_lines.csv"):
+        w = 1e-4 * b3 * (p * h**b4 + b5 * e * h**b6)
+        w = 0.535 * w + np.sqrt(0.217 * w * w + 2.1316e-12 * f0**2 / h)
+        vapour = vapour + 0.1 * b1 * e * h**3.5 * np.exp(b2 * (1 - h)) * shape(f0, w, 0.0)
+    return 0.1820 * f * dry, 0.1820 * f * vapour
+
+
+def by_speed(z, v):
+    """The mean of 1 / (z + v x^2) over Maxwell's distribution of speeds x, by the trapezoid rule.
+
+    That is 2 [1 - sqrt(pi) y w(iy)] / v with y = sqrt(z / v) and Faddeeva's w.
+    """
+    step = 1 / 64
+    x = np.arange(step, 8, step)
+    return 4 / math.sqrt(math.pi) * step * np.sum(x**2 * np.exp(-(x**2)) / (z + v * x**2))
+
+
+def r24_db_km(f, kelvin, pressure, e):
+    """(dry, vapour) in dB/km by Rosenkranz (2024); numbers alone."""
+    rho = 18.01528 * e / (0.0831451 * kelvin)
+    water = _r24_water(f, kelvin, pressure, 4.6152e-3 * rho * kelvin, rho)
+    oxygen = _r24_oxygen(f, kelvin, pressure, 4.615228e-3 * rho * kelvin)
+    nitrogen = 9.95e-14 * (pressure - e) ** 2 * f * f * (300 / kelvin) ** 3.22
+    nitrogen *= (1 + 1 / (1 + (f / 450) ** 2)) / 2
+    return 4.342944819 * (oxygen + nitrogen), 4.342944819 * water
+
+
+def _r24_water(f, kelvin, pressure, e, rho):
+    h, p = 296 / kelvin, pressure - e
+    log, total = math.log(h), 0.0
+    for row in lines("r24_water_lines.csv"):
+        f0, s, b, wa, xwa, ws, xws, da, xda, ds, xds, aa, as_, va, xva, vs, xvs, ca, cs = row
+        w0 = 1e-3 * (wa * p * h**xwa + ws * e * h**xws)
+        w2 = 1e-3 * (va * p * h**xva + vs * e * h**xvs)
+        d0 = da * p * (1 - aa * log) * h**xda + ds * e * (1 - as_ * log) * h**xds
+        d0, d2 = 1e-3 * d0, 1e-3 * (ca * p + cs * e)
+        for away in (f - f0 - d0, f + f0 + d0):
+            if abs(away) >= 750:
+                continue
+            profile = w0 / (away**2 + w0**2)
+            if va > 0 and away == f - f0 - d0 and abs(away) < 10 * w0:
+                z = complex(w0 - 1.5 * w2, away + 1.5 * d2)
+                profile = by_speed(z, complex(w2, -d2)).real
+            profile -= w0 / (750**2 + w0**2)
+            total += s * h**2.5 * math.exp(b * (1 - h)) * profile * (f / f0) ** 2
+    nodes = [6.532e12 * c * h ** (n + 3) for _, c, n in lines("r24_water_self_continuum.csv")]
+    j = min(int(f / 299.792458), 3)
+    t, before = f / 299.792458 - j, nodes[abs(j - 1)]
+    c = nodes[j] + t / 2 * (nodes[j + 1] - before)
+    c += t**2 * (before - 2.5 * nodes[j] + 2 * nodes[j + 1] - nodes[j + 2] / 2)
+    c += t**3 * (-before / 2 + 1.5 * nodes[j] - 1.5 * nodes[j + 1] + nodes[j + 2] / 2)
+    continuum = (5.547e-10 * h**3 * p + c * e) * e * f * f
+    return 1e-10 * rho / (2.9915075e-23 * math.pi) * total + continuum
+
+
+def _r24_oxygen(f, kelvin, pressure, e):
+    h, p = 300 / kelvin, pressure - e
+    k, q, table = h - 1, 1e-3 * (p * h**0.754 + 1.2 * e * h), lines("r24_oxygen_lines.csv")
+    a = [s * math.exp(-be * k) * h / f0**2 for f0, s, be, *_ in table]
+    y = [0.99 * (row[4] + row[5] * k) for row in table]
+    g = [row[6] + row[7] * k for row in table]
+    band = range(1, 38)
+    number = sum(a[i] for i in band)
+    m = sum(a[i] * g[i] for i in band) / sum(a[i] ** 2 for i in band)
+    bias = 0.56 * 1.584e-17 / 2
+    bias += sum(a[i] * (table[i][3] + y[i] * table[i][0]) for i in range(38))
+    u = 0.56 * q
+    total = 1.584e-17 * u / (f * f + u * u)
+    for i, (f0, _, _, w, *_, nu0, nu1) in enumerate(table):
+        mixed = i in band
+        first = q * (y[i] - (bias / (number * f0) if mixed else 0.0))
+        second = 1 + q * q * (g[i] - a[i] * m if mixed else 0.0)
+        width, center = w * q, f0 + q * q * (nu0 + nu1 * k)
+        near = (width * second + (f - center) * first) / ((f - center) ** 2 + width**2)
+        if i == 0 and abs(f - center) < 10 * width:
+            v = 0.076 * width
+            z = complex(width - 1.5 * v, f - center)
+            near = (complex(1, first) * by_speed(z, v)).real
+        far = (width * second - (f + center) * first) / ((f + center) ** 2 + width**2)
+        total += a[i] * (near + far)
+    return 1.6097e11 * p * (f * h) ** 2 * total
+
+
+GASES = {"mpm93": attenuation_db_km, "p676-13": p676_db_km, "r24": r24_db_km}
+
+
 def saturation_hpa(kelvin):
     theta = 300 / kelvin
     return 2.408e11 * theta**5 * math.exp(-22.644 * theta)
 
 
-def absorption_per_m(frequency_hz, kelvin, pressure, grams):
+def absorption_per_m(frequency_hz, kelvin, pressure, grams, model="mpm93"):
     """1/m of air that holds so many g/m3 of vapour, which cannot be more than there is pressure.
 
     Numbers or arrays.
     """
     e = np.minimum(grams * 1e-3 * 461.525 * kelvin / 100, pressure)
-    return sum(attenuation_db_km(frequency_hz / 1e9, kelvin, pressure, e)) / (1e4 / math.log(10))
+    gas = np.vectorize(r24_db_km) if model == "r24" else GASES[model]
+    return sum(gas(frequency_hz / 1e9, kelvin, pressure, e)) / (1e4 / math.log(10))
 
 
 # --- radiance

@@ -72,7 +72,7 @@ def test_it_takes_its_share_of_every_image(tmp_path, case):
 
 
 @pytest.mark.usefixtures("dust")
-@pytest.mark.parametrize("model", ["mpm93", "none"])
+@pytest.mark.parametrize("model", ["mpm93", "p676-13", "r24", "none"])
 def test_it_emits_with_the_temperature_of_each_voxel(tmp_path, model):
     """The oracle's sum over the saved cube; without a gas, only temperature makes it uneven."""
     data = scene(
@@ -92,8 +92,9 @@ def test_it_emits_with_the_temperature_of_each_voxel(tmp_path, model):
         ray = origin, camera.ray(row, column), far, cube.voxel_m, ROTATIONS["oblique"]
         grams, metres = oracle.path(cube.absolute_humidity_g_m3.astype(float), *ray)
         kelvin, _ = oracle.path(cube.air_temperature_k, *ray)
-        gas = oracle.absorption_per_m(650e9, kelvin, 1013.25, grams) if model == "mpm93" else 0.0
-        absorption = gas + np.full(len(metres), 20e-3)
+        absorption = np.full(len(metres), 20e-3)
+        if model != "none":
+            absorption += oracle.absorption_per_m(650e9, kelvin, 1013.25, grams, model)
         t, r = surfaces[int(sight.target[row, column])]
         surface = (1 - r) * oracle.planck(650e9, t) + r * air
         source = np.array([oracle.planck(650e9, value) for value in kelvin])

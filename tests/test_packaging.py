@@ -35,7 +35,8 @@ def test_the_wheel_holds_one_package_and_its_data(wheel):
         files = [path for path in (ROOT / folder).rglob("*") if path.suffix in INSTALLED]
         assert files
         assert {f"{installed}{path.relative_to(ROOT)}" for path in files} <= set(names)
-    assert "thzcl/air/mpm93_water_lines.csv" in names
+    for table in ("mpm93_water_lines", "p676_13_oxygen_lines", "r24_water_self_continuum"):
+        assert f"thzcl/air/{table}.csv" in names
     assert not any("gallery" in name for name in names)
 
 
