@@ -126,6 +126,30 @@ def test_active_sensors_have_a_budget_of_echoes(tmp_path):
     assert 0 < found["total"]["relative"] < 1e-6
 
 
+def test_lambert_echoes_have_a_budget_of_their_own_unit(tmp_path):
+    """Every line is of the image itself, 1/m2, and not of echoes before the gain."""
+    active = {"kind": "active", "frequency_ghz": 650.0, "dynamic_range_db": 80.0}
+    lambert = active | {"spreading": "lambert", "aperture_m": 0.1}
+    result = run(tmp_path, scene(sensor=lambert))
+    found, largest = result.error_budget, result.variants[0].sight.returned.max()
+    for part in ("arithmetic", "total", "pixel-sampling"):
+        assert found[part]["unit"] == "of the power sent, per m2"
+        assert 0 < found[part]["rms"] <= found[part]["max"] < largest
+        assert found[part]["relative"] == pytest.approx(found[part]["rms"] / largest, rel=1e-6)
+    assert found["total"]["relative"] < 1e-6
+
+
+def test_an_error_that_no_tolerance_forbids_is_told(tmp_path):
+    """Whoever fixes too low a degree is told what it costs, without having asked."""
+    coarse = run(
+        tmp_path, scene(numerics={"moments": 1}, atmosphere__fluctuations__sigma_percent=40.0)
+    )
+    error = coarse.error_budget["total"]["relative"]
+    assert error > 1e-3
+    assert any(f"error of {error:.1e} of the contrast" in text for text in coarse.warnings)
+    assert not any("of the contrast" in text for text in run(tmp_path, scene()).warnings)
+
+
 @pytest.mark.parametrize("place", [{}, {"transmitter_m": [0.0, 5.0, 4.0]}])
 def test_echoes_through_warm_air_know_what_the_cut_off_costs(tmp_path, place):
     """It ends rays out and back through the same air, and on either of two ways."""

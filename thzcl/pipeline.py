@@ -28,6 +28,8 @@ from thzcl.turbulence.orientation import ROTATIONS
 if TYPE_CHECKING:
     from thzcl.device.opencl import Device
 
+USUAL_TOLERANCE = 1e-3  # error relative to the contrast that no scene needs to bear unsaid
+
 
 def prepare(
     source: str | Path,
@@ -211,7 +213,8 @@ def _errors(pairs: list[tuple[PlannedVariant, _Made]]) -> dict[str, dict[str, An
         for part, error in variant.needs.errors.items():
             sizes[part] = max(error, sizes.get(part, error))
     known = {part: {"rms": size, "max": size, "unit": unit} for part, (size, unit) in sizes.items()}
-    unit = pairs[0][0].image.sources.unit
+    first = pairs[0][0]
+    unit = first.image.sources.unit + (", per m2" if first.needs.gain == "lambert" else "")
     parts = worst(made.errors for _, made in pairs)
     return known | {
         name: {"rms": p.rms, "max": p.max, "unit": unit, "relative": p.relative}
@@ -220,14 +223,20 @@ def _errors(pairs: list[tuple[PlannedVariant, _Made]]) -> dict[str, dict[str, An
 
 
 def _missed(pairs: list[tuple[PlannedVariant, _Made]]) -> list[str]:
-    """Returns a warning for each variant whose measured error is larger than its tolerance."""
+    """Returns a warning for each variant whose measured error is larger than can be borne.
+
+    That is its tolerance, or USUAL_TOLERANCE where it names none.
+    """
     found = []
     for variant, made in pairs:
-        bearable, total = variant.scene.numerics.tolerance, made.errors.get("total")
-        if bearable is not None and total is not None and total.relative > bearable:
-            text = 'remove what [numerics] fixes, or set ray_stride = 1 and precision = "float64"'
-            error = f"error of {total.relative:.1e} of the contrast, tolerance {bearable:g}"
-            found.append(f"{variant.name}: {error}; {text}")
+        tolerance, total = variant.scene.numerics.tolerance, made.errors.get("total")
+        if total is None or total.relative <= (tolerance or USUAL_TOLERANCE):
+            continue
+        error = f"error of {total.relative:.1e} of the contrast"
+        text = 'remove what [numerics] fixes, or set ray_stride = 1 and precision = "float64"'
+        if tolerance is not None:
+            error += f", tolerance {tolerance:g}"
+        found.append(f"{variant.name}: {error}; {text}")
     return found
 
 

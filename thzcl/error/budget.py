@@ -23,7 +23,7 @@ from thzcl.error.twin import Absorber, Path
 from thzcl.graph import Spec, frozen
 from thzcl.sensing.pixels import Pixels, Steps, SumSpec, weigh
 from thzcl.sensing.spectrum import Spectrum
-from thzcl.sensing.transfer import AnyRays, CarriedSpec, Rays, ShadeSpec
+from thzcl.sensing.transfer import AnyRays, Rays
 from thzcl.surfaces.radiance import Sources
 
 Array = NDArray[np.float64]
@@ -127,7 +127,7 @@ class Light:
 class ErrorSpec(Spec):
     """The errors of the shortcuts: some rays of the run are compared with their float64 twins."""
 
-    rays: ShadeSpec | CarriedSpec
+    rays: AnyRays
     walk: WalkSpec
     expansion: ExpansionSpec | TrimmedSpec
     light: Light

@@ -15,6 +15,7 @@ from thzcl.error import twin
 from thzcl.error.twin import Path
 from thzcl.graph import Memory, Spec, Values, frozen
 from thzcl.paths.trace import Motion
+from thzcl.sensing.transfer import lambert_gain
 from thzcl.surfaces import camera
 from thzcl.surfaces import ends as ray_ends
 from thzcl.surfaces.camera import Raster
@@ -178,6 +179,7 @@ class WalkSpec(Spec):
     ends: EndsSpec
     out: OutgoingSpec | None
     targets: Values  # (surface,): flag of the target that each surface belongs to
+    lambert: bool  # whether echoes are scattered evenly
     rays: int
     seed: int
     segments_a_ray: float = field(compare=False)  # about the most
@@ -189,7 +191,7 @@ class WalkSpec(Spec):
         del device
         number, weight = drawn(ends, self.targets.array, self.rays, self.seed)
         place = np.divmod(number, ends.geometry.raster.columns)
-        return _followed(air, ends, out, number, number, place, weight)
+        return _followed(air, ends, out, number, number, place, weight, self.lambert)
 
     def memory(self) -> Memory:
         """Returns the sizes of the segments' arrays, and of those that sort them."""
@@ -228,11 +230,13 @@ def _followed(
     slots: Integers,
     place: tuple[Integers, Integers],
     weight: Array,
+    lambert: bool,
 ) -> Walked:
     """Returns rays that are walked through the air.
 
     `number` (ray,) are their numbers in the raster of `ends`, `slots` (ray,) their indices in the
     arrays of `ends`, and `place` their rows and columns in the raster that the run traced.
+    `lambert` says whether echoes are scattered evenly.
     """
     shape = ends.geometry
     direction = camera.directions(shape.frame.array, shape.raster, number)
@@ -253,6 +257,9 @@ def _followed(
     )
     angles = None if cosine is None or elevation is None else EndAngles(cosine, elevation)
     blended, gain = np.zeros(len(slots)) if blend is None else blend, np.ones(len(slots))
+    if lambert:
+        assert cosine is not None  # noqa: S101 (whoever asks for the gain asks for the cosine)
+        gain = lambert_gain(cosine, ends.path_length.host()[slots].astype(np.float64))
     return Walked(number, weight, surface, blended, angles, gain, tuple(ways))
 
 
@@ -276,7 +283,7 @@ class FineWalkSpec(Spec):
 
     air: UniformAirSpec | VoxelAirSpec
     ends: EndsSpec
-    out: OutgoingSpec | None
+    transmitter_m: tuple[float, float, float] | None
     lambert: bool  # whether echoes are scattered evenly
     rays: int
     seed: int
@@ -297,15 +304,12 @@ class FineWalkSpec(Spec):
             picked=number,
         )
         out = None
-        if self.out is not None:
-            out = ray_ends.outgoing_ends(device, found, self.out.transmitter_m, precision)
+        if self.transmitter_m is not None:
+            out = ray_ends.outgoing_ends(device, found, self.transmitter_m, precision)
         row, column = np.divmod(number, fine.raster.columns)
         slots, weights = np.arange(len(number)), np.ones(len(number))
-        walked = _followed(air, found, out, number, slots, (row // 2, column // 2), weights)
-        if self.lambert:
-            cosine = found.facing.cosine.host()[slots].astype(np.float64)
-            length = found.path_length.host()[slots].astype(np.float64)
-            walked = replace(walked, gain=cosine / (np.pi * length**2))
+        place = row // 2, column // 2
+        walked = _followed(air, found, out, number, slots, place, weights, self.lambert)
         return FinePixels(walked, pixel, weight)
 
 

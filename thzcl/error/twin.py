@@ -2,8 +2,9 @@
 
 A twin takes from a run the cube and the ends of rays, and shares nothing else with the kernels. All
 crossings of a ray with voxel faces are listed and sorted, there is no cut-off, and every segment
-emits for itself. Planck's law is written otherwise than in `thzcl.air.radiometry`, so that a
-mistake in one of the two shows as an error. The error budget computes some rays of an image with
+emits for itself. For what the air emits, Planck's law is written otherwise than in
+`thzcl.air.radiometry`, so that a mistake in one of the two shows as an error; what surfaces send is
+the run's own. The error budget computes some rays of an image with
 the twin, and `thzcl stress` compares its cases with it.
 """
 

@@ -298,13 +298,17 @@ class _Planner:
         ways = 1 if out is None else 2
         count = air.budget_rays(ways * float(self.sample.length.mean()))
         segments = air.segments_a_ray(self._longest_way())
-        walk = WalkSpec(walked, ends, out, self.targets, count, self.scenario.seed, segments)
+        walk = WalkSpec(
+            walked, ends, out, self.targets, setup.lambert, count, self.scenario.seed, segments
+        )
         resolved = finer(self.needs)
         twin = light if resolved is None else air.twin(resolved)
-        error = ErrorSpec(air.rays(taken[number]), walk, air.expansion, light, twin)
+        error = ErrorSpec(main.rays[number], walk, air.expansion, light, twin)
         if self.needs.optics is not None:
             return (error,)
-        fine = FineWalkSpec(walked, ends, out, setup.lambert, count, self.scenario.seed)
+        fine = FineWalkSpec(
+            walked, ends, setup.transmitter_m, setup.lambert, count, self.scenario.seed
+        )
         steps = Steps(shape.raster.block, shape.raster.pixels)
         return error, SamplingSpec(main.rays[number], fine, air.expansion, light, steps)
 

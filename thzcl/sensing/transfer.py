@@ -175,11 +175,19 @@ class LambertSpec(Spec):
             on_raster(raster, values.host().astype(np.float64))
             for values in (ends.facing.cosine, ends.path_length)
         )
-        return replace(rays, contrast=rays.contrast * (cosine / (np.pi * length**2)))
+        return replace(rays, contrast=rays.contrast * lambert_gain(cosine, length))
 
     def memory(self) -> Memory:
         """Returns the echoes."""
         return Memory((8 * self.ends.geometry.raster.rays * self.rays.planes,))
+
+
+def lambert_gain(cosine: Array, length_m: Array) -> Array:
+    """Returns the part of an echo that reaches a unit of area at the camera, 1/m^2.
+
+    Lambert's law: cos / (pi r^2), by the `cosine` between ray and normal.
+    """
+    return np.asarray(cosine / (np.pi * length_m**2))
 
 
 AnyRays = ShadeSpec | CarriedSpec | LambertSpec
