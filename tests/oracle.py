@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
-TABLES = Path(__file__).parents[1] / "thzcl" / "air"
+TABLES = Path(__file__).parents[1] / "thzcl" / "air" / "constituents"
 H, K, C = 6.62607015e-34, 1.380649e-23, 299792458.0
 
 

@@ -10,10 +10,10 @@ import oracle
 import pytest
 
 from thzcl.air import humidity, spectrum
-from thzcl.air.constituents import part
+from thzcl.air.composition import part
+from thzcl.air.constituents.mpm93 import attenuation
 from thzcl.air.expansion import fit
 from thzcl.air.mean import Air
-from thzcl.air.mpm93 import attenuation
 from thzcl.air.spectrum import values
 from thzcl.constituent import DB_KM_PER_INVERSE_METRE
 

@@ -8,8 +8,8 @@ import pytest
 from scenes import BROAD, DRIFTING, MOIST, facing, run, scene, write
 
 from thzcl import pipeline
-from thzcl.air.constituents import located, optical_properties, part
-from thzcl.air.mpm93 import attenuation
+from thzcl.air.composition import located, optical_properties, part
+from thzcl.air.constituents.mpm93 import attenuation
 from thzcl.constituent import RESERVED_NAMES
 from thzcl.errors import FileError, ScenarioError
 from thzcl.scenario.atmosphere import Atmosphere

@@ -123,7 +123,7 @@ def plugin_files():
     """The files of the built-in sensors and constituents, each with its public contract."""
     for path in sorted((ROOT / "sensors").glob("*.py")):
         yield path, "thzcl.sensor."
-    for path in sorted((PACKAGE / "air").glob("*.py")):
+    for path in sorted((PACKAGE / "air" / "constituents").glob("*.py")):
         if re.search(r"^def register_constituents", path.read_text(encoding="utf-8"), re.MULTILINE):
             yield path, "thzcl.constituent."
 

@@ -11,9 +11,9 @@ import pytest
 from scenes import BROAD, MIRROR, facing, run, scene
 
 from thzcl.air import radiometry
-from thzcl.air.constituents import part
+from thzcl.air.composition import part
+from thzcl.air.constituents.mpm93 import line_centers_ghz, line_width_ghz
 from thzcl.air.mean import Air
-from thzcl.air.mpm93 import line_centers_ghz, line_width_ghz
 from thzcl.sensing import bands
 from thzcl.sensor import Radiances
 

@@ -15,7 +15,7 @@ from scenes import BROAD, MOIST, scene, write
 
 from thzcl import pipeline
 from thzcl.air import spectrum
-from thzcl.air.constituents import HOOK, gases, part
+from thzcl.air.composition import HOOK, gases, part
 from thzcl.air.mean import Air
 from thzcl.constituent import OpticalProperties, Span
 from thzcl.errors import PluginError, PluginFailure, RangeError, ScenarioError

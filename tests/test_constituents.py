@@ -14,7 +14,7 @@ from packages import ODD, prepare
 from scenes import ACTIVE, BROAD, DRIFTING, MIRROR, MOIST, facing, lens, run, scene, write
 
 from thzcl import pipeline
-from thzcl.air.constituents import part
+from thzcl.air.composition import part
 from thzcl.air.expansion import HIGHEST_DEGREE, fit
 from thzcl.air.mean import Air
 from thzcl.errors import ScenarioError

@@ -14,8 +14,9 @@ from mutants import CASES
 from scenes import ACTIVE, BROAD, MIRROR, MOIST, facing, run, scene, write
 
 from thzcl import pipeline
-from thzcl.air import p676, r24, spectrum
-from thzcl.air.constituents import lines, optical_properties, part
+from thzcl.air import spectrum
+from thzcl.air.composition import lines, optical_properties, part
+from thzcl.air.constituents import p676, r24
 from thzcl.air.humidity import absolute_humidity, vapour_pressure_from_relative
 from thzcl.constituent import DB_KM_PER_INVERSE_METRE
 from thzcl.errors import RangeError, ScenarioError
@@ -185,7 +186,7 @@ def test_what_the_formulas_do_not_cover_is_refused(model, state, expected):
 @pytest.mark.slow
 def test_faddeevas_function_is_imported_near_a_lines_core_alone():
     code = (
-        "import sys; from thzcl.air.r24 import attenuation;"
+        "import sys; from thzcl.air.constituents.r24 import attenuation;"
         "attenuation([300.0, 650.0], 290.0, 1013.25, 10.0);"
         "before = 'scipy.special' in sys.modules;"
         "attenuation({}, 290.0, 1013.25, 10.0); print(before, 'scipy.special' in sys.modules)"

@@ -36,7 +36,7 @@ def test_the_wheel_holds_one_package_and_its_data(wheel):
         assert files
         assert {f"{installed}{path.relative_to(ROOT)}" for path in files} <= set(names)
     for table in ("mpm93_water_lines", "p676_13_oxygen_lines", "r24_water_self_continuum"):
-        assert f"thzcl/air/{table}.csv" in names
+        assert f"thzcl/air/constituents/{table}.csv" in names
     assert not any("gallery" in name for name in names)
 
 

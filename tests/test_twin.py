@@ -9,7 +9,7 @@ import oracle
 import pytest
 
 from thzcl.air import radiometry
-from thzcl.air.constituents import part
+from thzcl.air.composition import part
 from thzcl.air.expansion import fit
 from thzcl.air.mean import Air
 from thzcl.error import twin

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from thzcl.air import constituents, humidity, validity
-from thzcl.air.constituents import Part
+from thzcl.air import composition, humidity, validity
+from thzcl.air.composition import Part
 
 Array = NDArray[np.float64]
 Span = tuple[float, float]
@@ -54,14 +54,14 @@ class Air:
     @property
     def varies(self) -> bool:
         """Returns whether what the air absorbs depends on humidity or temperature."""
-        return any(constituents.made(part).varies for part in self.parts)
+        return any(composition.made(part).varies for part in self.parts)
 
     def located(self, locate: Callable[[str], Path]) -> Air:
         """Returns this air with the files of its constituents found, and read once.
 
         Raises FileError for files that cannot be used, and whatever `locate` raises.
         """
-        parts = tuple(constituents.located(part, locate) for part in self.parts)
+        parts = tuple(composition.located(part, locate) for part in self.parts)
         return replace(self, parts=parts)
 
     def absorption(self, frequency_hz: Any, delta: Any = 0.0, offset_k: Any = 0.0) -> Array:
@@ -77,8 +77,8 @@ class Air:
         kelvin, vapour = self._state(delta, offset_k)
         total = np.zeros(np.broadcast_shapes(hz.shape, np.shape(vapour)))
         for part in self.parts:
-            state = (kelvin, vapour) if constituents.made(part).varies else self._state(0.0, 0.0)
-            of_part = constituents.optical_properties(
+            state = (kelvin, vapour) if composition.made(part).varies else self._state(0.0, 0.0)
+            of_part = composition.optical_properties(
                 part, hz, state[0], self.pressure_hpa, state[1]
             )
             total += np.asarray(of_part.absorption)
@@ -95,7 +95,7 @@ class Air:
     def lines(self) -> tuple[Array, float]:
         """Returns where the lines of all constituents stand, and the width of the narrowest, Hz."""
         state = self.temperature_k, self.pressure_hpa, self.vapour_pressure_hpa
-        found = [constituents.lines(part, *state) for part in self.parts]
+        found = [composition.lines(part, *state) for part in self.parts]
         positions = np.sort(np.concatenate([np.empty(0), *(lines for lines, _ in found)]))
         return positions, min((width for lines, width in found if len(lines)), default=np.inf)
 
@@ -110,14 +110,14 @@ class Air:
         The spans bound delta and the temperature's departure from the mean in K.
         """
         for part, asked in self._asked(frequency_hz, humidity_span, temperature_span):
-            constituents.refuse(part, asked)
+            composition.refuse(part, asked)
 
     def notes(self, frequency_hz: Array, humidity_span: Span, temperature_span: Span) -> list[str]:
         """Returns what to tell of constituents that extrapolate."""
         return [
             note
             for part, asked in self._asked(frequency_hz, humidity_span, temperature_span)
-            for note in validity.notes(part.name, constituents.made(part).valid, asked)
+            for note in validity.notes(part.name, composition.made(part).valid, asked)
         ]
 
     def _asked(
@@ -127,7 +127,7 @@ class Air:
         frequency = {} if frequency_hz is None else {"frequency_ghz": frequency_hz / 1e9}
         spans = np.array(humidity_span)[:, None], np.array(temperature_span)
         for part in self.parts:
-            made = constituents.made(part)
+            made = composition.made(part)
             kelvin, vapour = self._state(*(spans if made.varies else (0.0, 0.0)))
             state = {"temperature_k": kelvin, "vapour_hpa": vapour}
             pressure = {"pressure_hpa": self.pressure_hpa}

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from thzcl.air import constituents, humidity, validity
-from thzcl.air.constituents import Part
+from thzcl.air import composition, humidity, validity
+from thzcl.air.composition import Part
 from thzcl.constituent import DB_KM_PER_INVERSE_METRE
 
 Array = NDArray[np.float64]
@@ -85,9 +85,9 @@ def records(
         vapour = np.full(kelvin.shape, amount)
     if not ((vapour >= 0) & (vapour <= pressure_hpa)).all():
         raise ValueError("vapour pressure must lie between 0 and the total pressure")
-    of_air = constituents.optical_properties(gas, ghz * 1e9, kelvin, pressure_hpa, vapour)
+    of_air = composition.optical_properties(gas, ghz * 1e9, kelvin, pressure_hpa, vapour)
     per_m = np.asarray(of_air.absorption)
-    parts = constituents.parts(gas, of_air)
+    parts = composition.parts(gas, of_air)
     columns = (
         ghz,
         kelvin,
@@ -105,7 +105,7 @@ def records(
 
 def notes(frequency_ghz: Array, temperature_k: Array, pressure_hpa: float, gas: Part) -> list[str]:
     """Returns what to tell of frequencies and states for which a gas extrapolates."""
-    made = constituents.made(gas)
+    made = composition.made(gas)
     asked = validity.ranges(
         made.limited,
         frequency_ghz=frequency_ghz,

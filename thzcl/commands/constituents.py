@@ -13,7 +13,7 @@ def constituents(
     ] = None,
 ) -> None:
     """List what air can be made of, or show one's manual page and parameters."""
-    from thzcl.air.constituents import HOOK, constituent_class
+    from thzcl.air.composition import HOOK, constituent_class
     from thzcl.commands.plugin_pages import show_all, show_one
 
     if name is None:

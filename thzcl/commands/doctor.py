@@ -82,7 +82,7 @@ def _devices() -> list[Finding]:
 
 
 def _plugins() -> list[Finding]:
-    from thzcl.air.constituents import HOOK as CONSTITUENTS
+    from thzcl.air.composition import HOOK as CONSTITUENTS
     from thzcl.scenario.sensors import HOOK as SENSORS
 
     return [finding for hook in (SENSORS, CONSTITUENTS) for finding in _of_kind(hook)]

@@ -13,7 +13,7 @@ def new_constituent(
     ],
 ) -> None:
     """Write a package with something in the air to start from: it installs and runs as it is."""
-    from thzcl.air.constituents import HOOK
+    from thzcl.air.composition import HOOK
     from thzcl.commands.plugin_pages import write_new
 
     write_new(HOOK, name)

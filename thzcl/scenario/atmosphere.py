@@ -7,7 +7,7 @@ from typing import Annotated, ClassVar, Literal
 from pydantic import Field
 
 from thzcl.air import humidity as humidities
-from thzcl.air.constituents import Part
+from thzcl.air.composition import Part
 from thzcl.air.mean import Air
 from thzcl.scenario.constituents import parts
 from thzcl.scenario.problems import Trouble

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator, Mapping
 from typing import Any
 
-from thzcl.air.constituents import (
+from thzcl.air.composition import (
     HOOK,
     Part,
     constituent_class,

@@ -9,8 +9,8 @@ from typing import Any, get_args
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
-from thzcl.air.constituents import HOOK as CONSTITUENTS
-from thzcl.air.constituents import file_keys, gases
+from thzcl.air.composition import HOOK as CONSTITUENTS
+from thzcl.air.composition import file_keys, gases
 from thzcl.constituent import Constituent
 from thzcl.errors import PluginError
 from thzcl.plugins import loader

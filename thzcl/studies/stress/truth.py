@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from thzcl.air import constituents
+from thzcl.air import composition
 from thzcl.error.twin import planck, planck_difference, transfer, walk
 from thzcl.results.contents import Cube
 from thzcl.scenario.scene import Box, Scene
@@ -60,7 +60,7 @@ def absorption(
     vapour_hpa = np.minimum(pascal / 100, air.pressure_hpa)
     (gas,) = air.air.parts
     state = temperature_k, air.pressure_hpa, vapour_hpa
-    return np.asarray(constituents.optical_properties(gas, frequency_hz, *state).absorption)
+    return np.asarray(composition.optical_properties(gas, frequency_hz, *state).absorption)
 
 
 def directions(scene: Scene) -> Array:

@@ -38,7 +38,7 @@ HOOK = Hook(
     base=Constituent,
     contracts=range(1, CONTRACT + 1),
     members={"Params": (Parameters, "thzcl.constituent.Parameters")},
-    built_ins=loader.built_ins("thzcl.air", "register_constituents"),
+    built_ins=loader.built_ins("thzcl.air.constituents", "register_constituents"),
     reserved=RESERVED_NAMES,
     also=answers.check_class,
 )
