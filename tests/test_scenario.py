@@ -13,8 +13,9 @@ from scenes import PLAIN, scene, write
 from thzcl import pipeline
 from thzcl.errors import ScenarioError
 from thzcl.scenario import document, manual
-from thzcl.scenario.atmosphere import Fluctuations
+from thzcl.scenario.atmosphere import Atmosphere, Fluctuations
 from thzcl.scenario.source import SHIPPED, find, shipped
+from thzcl.turbulence.spectra import turbulence
 
 
 def problems(file, settings=None):
@@ -272,6 +273,37 @@ def test_a_seed_is_drawn_and_recorded(tmp_path):
     one, other = (pipeline.prepare(write(tmp_path, data)).scenario for _ in range(2))
     assert one.seed != other.seed
     assert tomli.loads(one.text)["atmosphere"]["fluctuations"]["seed"] == one.seed
+
+
+@pytest.mark.parametrize(
+    "own",
+    [
+        {"atmosphere.fluctuations": {"sigma_percent": 20, "voxel_m": 0.4}},
+        {"atmosphere.fluctuations.sigma_percent": 20, "atmosphere.fluctuations.voxel_m": 0.4},
+        {
+            "atmosphere.fluctuations.outer_scale_m": 5,
+            "atmosphere.fluctuations": {"spectrum": "von-karman", "sigma_percent": 9, "voxel_m": 1},
+        },
+        {"atmosphere": scene(atmosphere__fluctuations__seed=None)["atmosphere"]},
+    ],
+)
+def test_a_variant_that_brings_fluctuations_gets_a_seed_too(tmp_path, own):
+    """The stored text makes the same air again, and both variants share it."""
+    data = scene(atmosphere__fluctuations=None, variants=[{"name": n, "set": own} for n in "ab"])
+    plan = pipeline.prepare(write(tmp_path, data))
+    seeds = {variant.cube.turbulence.seed for variant in plan.variants}
+    assert len(seeds) == 1 and seeds != {0}
+    assert pipeline.prepare(write(tmp_path, tomli.loads(plan.scenario.text), "again")) == plan
+
+
+def test_fluctuations_that_lack_a_seed_are_never_taken_for_still_air():
+    air = Atmosphere(
+        temperature_k=290,
+        relative_humidity_percent=50,
+        fluctuations={"sigma_percent": 20, "voxel_m": 0.4},
+    )
+    with pytest.raises(ValueError, match="a seed"):
+        turbulence(air)
 
 
 def test_the_schema_knows_what_the_reader_knows():

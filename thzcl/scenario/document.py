@@ -124,21 +124,39 @@ def read(source: str | Path, settings: Mapping[str, Any] | None = None) -> Docum
     reasons = {name: _change(data, name, value) for name, value in (settings or {}).items()}
     if any(reasons.values()):
         raise ScenarioError([f"--set {name}: {why}" for name, why in reasons.items() if why])
-    _draw_seed(data)
+    _draw_seeds(data)
     changed = frozenset(map(_split, reasons))
     name = path.stem.encode("utf-8", "surrogateescape").decode("utf-8", "replace")
     return Document(name, str(path), folder, data, line_numbers(text), changed)
 
 
-def _draw_seed(data: dict[str, Any]) -> None:
-    """Gives fluctuations without a seed one, so that every run can be repeated from its record."""
+def _draw_seeds(data: dict[str, Any]) -> None:
+    """Gives fluctuations without a seed one, so that every run can be repeated from its record.
+
+    Variants that bring fluctuations of their own without a seed get the same one, as a key that
+    they set: images of one scene show one realisation of the air.
+    """
+    drawn = secrets.randbits(32)
+    if _lacks_seed(data):
+        data["atmosphere"]["fluctuations"]["seed"] = drawn
+    entries = data.get("variants", ())
+    for entry in entries if isinstance(entries, list | tuple) else ():
+        changes = entry.get("set") if isinstance(entry, dict) else None
+        if isinstance(changes, dict):
+            air = {"atmosphere": deepcopy(data.get("atmosphere", {}))}
+            _change_all(air, deepcopy(changes))
+            if _lacks_seed(air):
+                changes["atmosphere.fluctuations.seed"] = drawn
+
+
+def _lacks_seed(data: Any) -> bool:
+    """Returns whether a scene has fluctuations that are drawn at random, but without a seed."""
     fluctuations = _at(data, ("atmosphere", "fluctuations"))
-    if (
+    return (
         isinstance(fluctuations, dict)
         and "seed" not in fluctuations
         and fluctuations.get("spectrum") != "file"
-    ):
-        fluctuations["seed"] = secrets.randbits(32)
+    )
 
 
 def parse(
@@ -175,7 +193,7 @@ def _scene(
 ) -> tuple[Scene | None, list[Trouble]]:
     """Returns the scene of the variant at a place in the list, and what is wrong with it."""
     data = dict(deepcopy(base))
-    reasons = {name: _change(data, name, value) for name, value in entry.set.items()}
+    reasons = _change_all(data, entry.set)
     troubles = [Trouble(("variants", at, "set", name), why) for name, why in reasons.items() if why]
     data = frozen(data)
     scene, found = validate(Scene, data)
@@ -240,6 +258,15 @@ def _change(data: dict[str, Any], name: str, value: Any) -> str | None:
     else:
         node[last] = value
     return None
+
+
+def _change_all(data: dict[str, Any], changes: Mapping[str, Any]) -> dict[str, str | None]:
+    """Sets the keys of a variant, tables before keys within them: TOML keeps no order of keys.
+
+    Returns what hinders each of them, or None where nothing does.
+    """
+    names = sorted(changes, key=lambda name: len(_split(name)))
+    return {name: _change(data, name, changes[name]) for name in names}
 
 
 def _at(data: Any, path: KeyPath) -> Any:

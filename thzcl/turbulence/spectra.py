@@ -108,11 +108,13 @@ def turbulence(atmosphere: Atmosphere, table: SpectrumTable | None = None) -> Tu
     """Returns the fluctuations that [atmosphere] asks for, or None if it asks for none at random.
 
     That is so in uniform air, and with a cube from a file. `table` is the measured spectrum that
-    the scene names, or None.
+    the scene names, or None. Raises ValueError for fluctuations without a seed or without voxels.
     """
     f = atmosphere.fluctuations
-    if f is None or f.spectrum == "file" or f.voxel_m is None or f.seed is None:
+    if f is None or f.spectrum == "file":
         return None
+    if f.voxel_m is None or f.seed is None:
+        raise ValueError("random fluctuations need voxel_m and a seed, which reading a scene draws")
     unit = variance(f.grid, f.voxel_m, f.outer_scale_m, table)
     mean = atmosphere.air.absolute_humidity_g_m3
     if f.sigma_percent is not None:
