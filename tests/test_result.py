@@ -13,11 +13,12 @@ from types import SimpleNamespace
 import h5netcdf
 import numpy as np
 import pytest
-from scenes import run, scene, write
+from scenes import BROAD, run, scene, write
+from thzcl.sensors.passive_spectral import PassiveSpectral
 
 from thzcl import pipeline
 from thzcl.air import radiometry
-from thzcl.errors import FileError
+from thzcl.errors import FileError, NumbersError, ScenarioError
 from thzcl.results import figure
 from thzcl.results.netcdf import attributes, reserved_names, variables
 from thzcl.sensor import Layer
@@ -97,6 +98,84 @@ def test_what_is_stored_belongs_together(two):
         assert file["image"][...] == pytest.approx(290 + contrast.mean(axis=1), abs=1e-4)
 
 
+TREE = {"kind": "box", "center_m": [20, 2, 1], "size_m": [2, 2, 2], "temperature_k": 270.0}
+CAR = TREE | {"center_m": [25, 3, 1]}
+
+
+def test_variants_may_bring_targets_and_lenses_of_their_own(tmp_path):
+    """A target has one flag in all variants, and angles are those of each variant's lens."""
+    own = [
+        {"targets.car": CAR},
+        {"targets.tree": TREE, "camera.focal_length_mm": 60.0},
+        {"targets": {"tree": TREE}},
+    ]
+    variants = [{"name": str(n), "set": keys} for n, keys in enumerate(own)]
+    result = run(tmp_path, scene(variants=variants))
+    shown = [set(variant["targets"]) for variant in result.summary()["variants"]]
+    assert [one & {"box", "car", "tree"} for one in shown] == [
+        {"box", "car"},
+        {"box", "tree"},
+        {"tree"},
+    ]
+    with h5netcdf.File(result.save(tmp_path / "own.nc")) as file:
+        assert file["target"].attrs["flag_meanings"] == "background ground box car tree"
+        assert [*np.unique(file["target"][1])] == [0, 1, 2, 4]
+        angles = file["x_angle"]
+        assert angles.dimensions == ("variant", "x") and angles.attrs["units"] == "mrad"
+        assert np.tan(angles[0] / 1e3) == pytest.approx(2 * np.tan(angles[1] / 1e3))
+    extents = {round(axes.images[0].get_extent()[1]) for axes in picture(result).axes[:3]}
+    assert len(extents) == 2
+
+
+ONE_FILE = {
+    "sensors": ({"sensor": BROAD}, {}, "sensor: all variants must be of one kind"),
+    "voxels": ({"atmosphere.fluctuations.voxel_m": 0.5}, {}, "[output] save_field: all variants"),
+    "grids": ({"atmosphere.fluctuations.grid": 16}, {}, "[output] save_field: all variants"),
+    "cubes": (
+        {"atmosphere.fluctuations.grid_orientation": "aligned"},
+        {},
+        "[output] save_field: all variants must have cubes of the same voxel_m, grid and",
+    ),
+    "files": ({"output.figure_columns": 1}, {}, "output: is that of the one file"),
+    "lenses": (
+        {"camera.focal_length_mm": 60.0},
+        {"difference": ["a", "b"]},
+        "[output] difference: the pixels of the two images lie at different angles",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", ONE_FILE)
+def test_what_one_file_cannot_hold_is_refused(tmp_path, name):
+    own, output, words = ONE_FILE[name]
+    variants = [{"name": "a", "set": {}}, {"name": "b", "set": own}]
+    data = scene(output={"save_field": True} | output, variants=variants)
+    with pytest.raises(ScenarioError) as caught:
+        pipeline.prepare(write(tmp_path, data))
+    assert any(words in problem for problem in caught.value.problems), caught.value.problems
+    assert pipeline.prepare(write(tmp_path, data), variants=["b"])
+
+
+def test_a_scan_beside_a_focal_plane_is_of_one_kind(tmp_path):
+    scan = {"kind": "raster-scan", "dwell_s": 1e-3, "detector": scene()["sensor"]}
+    variants = [{"name": "still", "set": {}}, {"name": "scanned", "set": {"sensor": scan}}]
+    assert pipeline.prepare(write(tmp_path, scene(variants=variants)))
+
+
+def test_images_of_other_quantities_are_never_stored_as_one(tmp_path, monkeypatch):
+    """A plugin's sensor may change its quantity with its parameters, which only its images say."""
+    healthy = PassiveSpectral.observe
+
+    def observe(sensor, sight, rng):
+        unit = "K" if sensor.params.frequency_ghz == 650 else "mK"
+        return replace(healthy(sensor, sight, rng), unit=unit)
+
+    monkeypatch.setattr(PassiveSpectral, "observe", observe)
+    variants = [{"name": f"{f}", "set": {"sensor.frequency_ghz": f}} for f in (340, 650)]
+    with pytest.raises(NumbersError, match="in mK, brightness temperature in K"):
+        run(tmp_path, scene(variants=variants))
+
+
 def test_microkelvins_survive(tmp_path):
     result = run(
         tmp_path,
@@ -150,8 +229,6 @@ def test_a_saved_cube_is_the_next_scenes_air(two, tmp_path):
 )
 def test_a_cube_that_cannot_be_used_is_refused(tmp_path, shape, fill, expected):
     from test_trace import write_cube
-
-    from thzcl.errors import ScenarioError
 
     write_cube(tmp_path / "cube.nc", np.full(shape, fill), 0.5)
     with pytest.raises(ScenarioError, match=expected):

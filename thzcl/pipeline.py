@@ -92,6 +92,7 @@ def compute_images(plan: Plan, device: Device, clock: Clock, *, figure: bool = F
     first = [_Made.of(v, values) for v, values in _by_variant(plan, next(batches))]
     result = _result(plan, device, first, clock, figure)
     images = [_checked(made.recorded, result) for made in first]
+    _refuse_unlike([image for _, image in images], result)
     if plan.realizations > 1:
         images = _mean(plan, images, batches, clock, result)
     pairs = zip(plan.variants, images, strict=True)
@@ -141,6 +142,14 @@ def _checked(recorded: Recorded, so_far: Result) -> tuple[Sight, Image]:
     return recorded.sight, recorded.image
 
 
+def _refuse_unlike(images: list[Image], so_far: Result) -> None:
+    """Raises NumbersError for images of several quantities, which one variable cannot hold."""
+    kinds = dict.fromkeys(f"{image.quantity} in {image.unit}" for image in images)
+    if len(kinds) > 1:
+        text = f"the variants' images are of several kinds ({', '.join(kinds)})"
+        raise NumbersError(f"{text}; run them apart with --variant", so_far)
+
+
 def _mean(
     plan: Plan,
     first: list[tuple[Sight, Image]],
@@ -176,18 +185,14 @@ def _result(plan: Plan, device: Device, made: list[_Made], clock: Clock, figure:
         scenario_toml=plan.scenario.text,
         scenario_folder=str(plan.scenario.folder.resolve()),
         variants=tuple(VariantResult(v.name, one.recorded.sight, None) for v, one in pairs),
-        targets=(
-            "background",
-            "ground",
-            *max((v.scene.targets for v in plan.variants), key=len),
-        ),
-        pixel_angles_mrad=angles(first.scene.camera),
+        targets=("background", "ground", *plan.scenario.targets),
+        pixel_angles_mrad=tuple(angles(v.scene.camera) for v in plan.variants),
         conditions=tuple(
             conditions(v.scene.atmosphere.air, one.recorded.sight) for v, one in pairs
         ),
         figure_columns=first.scene.output.figure_columns,
         difference=first.scene.output.difference,
-        grid_rotation=ROTATIONS[first.orientation],
+        grid_rotations=tuple(ROTATIONS[v.orientation] for v in plan.variants),
         device=device.info.description,
         seed=plan.scenario.seed,
         build_options=tuple(device.build_options),

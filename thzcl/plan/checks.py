@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 from thzcl.device.opencl import Device
 from thzcl.errors import ScenarioError
 from thzcl.plan import report
@@ -23,8 +25,19 @@ def together(document: Document, plan: Plan) -> None:
     troubles = []
     for variant in plan.variants:
         troubles += _of_sensor(variant) + _of_variants(plan.variants[0], variant)
+    troubles += _of_difference(plan)
     if troubles:
         raise ScenarioError(document.problems(troubles))
+
+
+def _of_difference(plan: Plan) -> list[Trouble]:
+    """Returns the reason why the difference of two images cannot be taken pixel by pixel."""
+    names = plan.variants[0].scene.output.difference or ()
+    cameras = [v.scene.camera for v in plan.variants if v.name in names]
+    if len({(camera.focal_length_mm, camera.focal_plane_mm) for camera in cameras}) < 2:
+        return []
+    text = "the pixels of the two images lie at different angles; give both the same lens"
+    return [Trouble(("output", "difference"), text)]
 
 
 def _of_variants(first: PlannedVariant, variant: PlannedVariant) -> list[Trouble]:
@@ -40,10 +53,31 @@ def _of_variants(first: PlannedVariant, variant: PlannedVariant) -> list[Trouble
     if realizations > 1 and (variant.cube is None or variant.cube.random is None):
         found.append(Trouble(("numerics", "realizations"), _AT_RANDOM))
     planes = first.image.spectrum.count, variant.image.spectrum.count
-    if planes[0] != planes[1] or variant.needs.reflection != first.needs.reflection:
+    if planes[0] != planes[1] or _recorder(variant) != _recorder(first):
         text = f"all variants must be of one kind, with as many frequencies, {_SAME}"
         found.append(Trouble(("sensor",), text))
+    if scene.output != first.scene.output:
+        found.append(Trouble(("output",), "is that of the one file of all variants; give it once"))
+    if scene.output.save_field and _lie(variant) != _lie(first):
+        text = f"all variants must have cubes of the same voxel_m, grid and orientation, {_SAME}"
+        found.append(Trouble(("output", "save_field"), text))
     return found
+
+
+def _recorder(variant: PlannedVariant) -> tuple[object, bool]:
+    """Returns the kind of the sensor that records, within all that wrap it, and whether echoes."""
+    sensor = variant.scene.sensor.model_dump()
+    while isinstance(sensor.get("detector"), Mapping):
+        sensor = sensor["detector"]
+    return sensor["kind"], variant.needs.reflection
+
+
+def _lie(variant: PlannedVariant) -> tuple[object, ...]:
+    """Returns how a variant's cube lies in the world, and whether its temperature fluctuates."""
+    cube = variant.cube
+    if cube is None:
+        return ()
+    return cube.grid, cube.voxel_m, variant.orientation, cube.isothermal
 
 
 def _of_sensor(variant: PlannedVariant) -> list[Trouble]:

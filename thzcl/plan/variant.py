@@ -95,7 +95,9 @@ class _Planner:
         self.pixel_rad = camera.pixel_angles(self.scene.camera)
         plain = camera.raster(self.scene.camera)
         with files_refused(scenario):
-            self.shape, self.surfaces = geometry.geometry(self.scene, scenario.locate, plain)
+            self.shape, self.surfaces = geometry.geometry(
+                self.scene, scenario.locate, plain, scenario.targets
+            )
             self.air: Air = self.scene.atmosphere.air.located(scenario.locate)
         with air_refused(scenario, self.scene):
             self.air.refuse_beyond(None, NOWHERE, NOWHERE)

@@ -49,12 +49,13 @@ class Contents:
     scenario_toml: str
     scenario_folder: str
     variants: tuple[VariantResult, ...]
-    targets: tuple[str, ...]  # names by flag: background, ground, then the targets in file order
-    pixel_angles_mrad: tuple[Array, Array]  # of the columns and of the rows, from the image centre
+    targets: tuple[str, ...]  # names by flag: background, ground, then all variants' targets
+    # of each variant: the angles of the columns and of the rows from the image centre
+    pixel_angles_mrad: tuple[tuple[Array, Array], ...]
     conditions: tuple[tuple[str, ...], ...]  # each variant's frequency, range and air, in words
     figure_columns: int | None
     difference: tuple[str, str] | None  # two variants, the difference of whose images is stored too
-    grid_rotation: Array
+    grid_rotations: tuple[Array, ...]  # of each variant
     device: str
     seed: int
     build_options: tuple[str, ...]

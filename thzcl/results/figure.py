@@ -28,13 +28,14 @@ Extent = tuple[float, float, float, float]  # left, right, bottom, top, mrad
 
 
 class Panel(NamedTuple):
-    """One panel of a picture: its title, values (y, x), their quantity and unit, its colours."""
+    """One panel of a picture: its title, values (y, x) and where they lie, quantity and unit."""
 
     title: str
     values: Array
     quantity: str
     unit: str
     colours: str
+    extent: Extent
 
 
 def picture_format(path: Path) -> str:
@@ -62,8 +63,8 @@ def picture(result: Contents) -> Any:
     if any(panel.colours == SPREAD for panel in panels):
         columns += columns % 2  # each mean beside its spread
     rows = math.ceil(len(panels) / columns)
-    extent = _extent(*result.pixel_angles_mrad)
-    tall = PANEL_INCHES * min(max(_height_over_width(extent), 0.3), 3.0)
+    tallest = max(_height_over_width(panel.extent) for panel in panels)
+    tall = PANEL_INCHES * min(max(tallest, 0.3), 3.0)
     lines = max(panel.title.count("\n") + 1 for panel in panels)
     row = tall + 0.3 + lines * TITLE * LINE
     heading = _heading(readable(result.scenario), conditions, columns * PITCH_INCHES - 0.3)
@@ -74,7 +75,7 @@ def picture(result: Contents) -> Any:
     figure.suptitle(heading, fontsize=HEADING, parse_math=False)
     axes = figure.subplots(rows, columns, squeeze=False)
     for panel, ax in zip(panels, axes.flat, strict=False):
-        _draw_panel(figure, ax, extent, panel, 0.85 * tall)
+        _draw_panel(figure, ax, panel, 0.85 * tall)
     for ax in axes.flat[len(panels) :]:
         ax.set_axis_off()
     return figure
@@ -85,27 +86,30 @@ def _panels(result: Contents) -> tuple[list[Panel], list[str]]:
 
     Conditions in which the variants differ are in the panels' titles.
     """
+    each = zip(result.variants, result.conditions, result.pixel_angles_mrad, strict=True)
     shown = [
-        (variant.name, variant.image, words)
-        for variant, words in zip(result.variants, result.conditions, strict=True)
+        (variant.name, variant.image, words, _extent(*angles))
+        for variant, words, angles in each
         if variant.image
     ]
-    columns = zip(*(words for _, _, words in shown), strict=True)
+    columns = zip(*(words for _, _, words, _ in shown), strict=True)
     shared = [len(set(column)) == 1 for column in columns]
     found = []
-    for name, image, words in shown:
+    for name, image, words, extent in shown:
         own = [word for word, same in zip(words, shared, strict=True) if not same]
-        found.append(Panel(_title(name, own), image.values, image.quantity, image.unit, "gray"))
+        title, quantity = _title(name, own), image.quantity
+        found.append(Panel(title, image.values, quantity, image.unit, "gray", extent))
         if VARIANCE in image.layers:
             spread = np.sqrt(image.layers[VARIANCE].values)
-            title, quantity = _title(name, ["spread over realisations"]), image.quantity
+            title = _title(name, ["spread over realisations"])
             deviation = f"standard deviation of {quantity}"
-            found.append(Panel(title, spread, deviation, image.unit, SPREAD))
+            found.append(Panel(title, spread, deviation, image.unit, SPREAD, extent))
     difference = result.image_difference()
     if difference is not None and result.difference is not None:
         title = _title(" less ".join(result.difference), [])
         quantity = f"difference of {found[0].quantity}"
-        found.append(Panel(title, difference, quantity, found[0].unit, DIVERGING))
+        lies = next(extent for name, *_, extent in shown if name == result.difference[0])
+        found.append(Panel(title, difference, quantity, found[0].unit, DIVERGING, lies))
     return found, [word for word, same in zip(shown[0][2], shared, strict=True) if same]
 
 
@@ -155,7 +159,7 @@ def _folded(pieces: Iterable[str], width: float, points: float) -> str:
     return "\n".join(lines)
 
 
-def _draw_panel(figure: Any, ax: Any, extent: Extent, panel: Panel, bar_inches: float) -> None:
+def _draw_panel(figure: Any, ax: Any, panel: Panel, bar_inches: float) -> None:
     """Draws a panel on its axes, with a colour bar whose label is at most `bar_inches` long."""
     low, high = np.percentile(panel.values, STRETCH_PERCENT)
     if panel.colours == DIVERGING:
@@ -167,7 +171,7 @@ def _draw_panel(figure: Any, ax: Any, extent: Extent, panel: Panel, bar_inches: 
         cmap=panel.colours,
         vmin=low,
         vmax=high,
-        extent=extent,
+        extent=panel.extent,
         interpolation="nearest",
     )
     ax.set_title(panel.title, fontsize=TITLE, parse_math=False)

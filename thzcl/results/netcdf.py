@@ -85,21 +85,27 @@ def attributes(result: Contents) -> dict[str, Any]:
         "warnings": json.dumps(result.warnings),
         "error_budget": json.dumps(result.error_budget),
         "voxel_segments": np.int64(result.voxel_segments),
-        "grid_rotation": json.dumps(np.asarray(result.grid_rotation).tolist()),
+        "grid_rotation": json.dumps(_rotation(result.grid_rotations)),
     }
+
+
+def _rotation(rotations: tuple[Array, ...]) -> Any:
+    """Returns the rotation (3, 3) of the cube, or that of each variant's cube if they differ."""
+    same = all(np.array_equal(one, rotations[0]) for one in rotations)
+    return rotations[0].tolist() if same else [one.tolist() for one in rotations]
 
 
 def coordinates(result: Contents) -> dict[str, Variable]:
     """Returns the coordinates: variants, frequencies in GHz, pixels and their angles in mrad."""
     names = np.array([variant.name for variant in result.variants], dtype=object)
-    columns, rows = result.pixel_angles_mrad
+    columns, rows = (list(angles) for angles in zip(*result.pixel_angles_mrad, strict=True))
     return {
         "variant": Variable(("variant",), names, {}),
         **_frequencies(result),
-        "y": _coordinate("y", np.arange(len(rows)), "1", "pixel row, 0 at the top"),
-        "x": _coordinate("x", np.arange(len(columns)), "1", "pixel column, 0 at the left"),
-        "y_angle": _coordinate("y", rows, "mrad", "angle above the image centre"),
-        "x_angle": _coordinate("x", columns, "mrad", "angle right of the image centre"),
+        "y": _coordinate("y", np.arange(len(rows[0])), "1", "pixel row, 0 at the top"),
+        "x": _coordinate("x", np.arange(len(columns[0])), "1", "pixel column, 0 at the left"),
+        "y_angle": _shared(rows, _attrs("mrad", "angle above the image centre"), ("y",)),
+        "x_angle": _shared(columns, _attrs("mrad", "angle right of the image centre"), ("x",)),
     }
 
 
@@ -108,13 +114,18 @@ def _frequencies(result: Contents) -> dict[str, Variable]:
     values = np.array([variant.sight.frequency_hz for variant in result.variants]) / 1e9
     if (values == values[0]).all():
         return {"frequency": _coordinate("frequency", values[0], "GHz", "frequency")}
-    attrs = {"units": "GHz", "long_name": "frequency"}
+    attrs = _attrs("GHz", "frequency")
     return {"variant_frequency": Variable(("variant", "frequency"), values, attrs)}
 
 
 def _coordinate(dimension: str, values: Array, units: str, name: str) -> Variable:
     """Returns a coordinate along one dimension."""
-    return Variable((dimension,), values, {"units": units, "long_name": name})
+    return Variable((dimension,), values, _attrs(units, name))
+
+
+def _attrs(units: str, name: str) -> dict[str, str]:
+    """Returns the attributes of a variable with a unit."""
+    return {"units": units, "long_name": name}
 
 
 def variables(result: Contents) -> dict[str, Variable]:
@@ -213,7 +224,9 @@ def _difference(result: Contents, found: Mapping[str, Variable]) -> dict[str, Va
     values = result.image_difference()
     if values is None or result.difference is None:
         return {}
-    attrs = found["image"].attrs | {"long_name": " less ".join(result.difference)}
+    attrs = _pixel_attrs(found["image"].attrs["units"], " less ".join(result.difference))
+    if "variant" in coordinates(result)["x_angle"].dims:
+        del attrs["coordinates"]
     return {"image_difference": Variable(PLANE, values, attrs)}
 
 

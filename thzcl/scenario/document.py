@@ -53,6 +53,11 @@ class Scenario:
         return inside(self.folder, name, allow_outside=self.allow_outside)
 
     @property
+    def targets(self) -> tuple[str, ...]:
+        """The names of the targets of all variants, each once, in the order of the file."""
+        return tuple(dict.fromkeys(name for v in self.variants for name in v.scene.targets))
+
+    @property
     def seed(self) -> int:
         """The seed of its random numbers; 0 where no fluctuations name one."""
         fluctuations = self.variants[0].scene.atmosphere.fluctuations

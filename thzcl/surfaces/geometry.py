@@ -8,7 +8,7 @@ origin + s * direction, and its distance from the origin is s times the norm of 
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -84,14 +84,19 @@ class Geometry:
     things: Things
 
 
-def geometry(scene: Scene, locate: Locate, rays: Raster) -> tuple[Geometry, list[Surface]]:
+def geometry(
+    scene: Scene, locate: Locate, rays: Raster, names: Sequence[str]
+) -> tuple[Geometry, list[Surface]]:
     """Returns a scene's geometry, and its surfaces by number.
 
     The surfaces are, in this order: background, ground, boxes, their stripes, billboards. `locate`
-    returns the path of a picture's file. Raises FileError for a picture that cannot be used.
+    returns the path of a picture's file. `names` are those of all targets that have a flag in the
+    result. Raises FileError for a picture that cannot be used.
     """
     surfaces = [Surface(BACKGROUND, scene.background.temperature_k, Constant(0.0)), _ground(scene)]
-    numbered = list(enumerate(scene.targets.values(), start=FIRST_TARGET))
+    numbered = [
+        (FIRST_TARGET + names.index(name), target) for name, target in scene.targets.items()
+    ]
     boxes = [(flag, target) for flag, target in numbered if isinstance(target, Box)]
     boards = [(flag, target) for flag, target in numbered if isinstance(target, Billboard)]
     box_rows, stripes = _boxes(boxes, surfaces)
