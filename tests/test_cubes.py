@@ -289,6 +289,24 @@ def test_a_cube_that_was_told_to_be_oblique_is(tmp_path):
     assert tilted.optical_depth.item() == pytest.approx(0.0874, rel=1e-2)
 
 
+@pytest.mark.parametrize("apart_k", [0.0, 1e-13, 2e-6])
+def test_a_cube_of_the_scenes_own_temperature_is_air_of_one_temperature(tmp_path, apart_k):
+    """Nor do departures matter that are as small as rounding."""
+    walled = scene(atmosphere=profile()["atmosphere"])
+    save(tmp_path / "cube.nc", layers())
+    due = run(tmp_path, walled)
+    warmth = np.full(layers().shape, 290.0)
+    warmth[0, 0, 0] += apart_k
+    save(tmp_path / "cube.nc", layers(), temperature=warmth)
+    seen = run(tmp_path, walled)
+    one, other = (made.variants[0].radiances for made in (seen, due))
+    assert "temperature-field" not in {stage["stage"] for stage in seen.left_out}
+    assert one.optical_depth == pytest.approx(other.optical_depth, rel=1e-5)
+    scale = float(np.abs(other.contrast).max())
+    assert one.contrast == pytest.approx(other.contrast, abs=1e-5 * scale)
+    assert seen.error_budget["total"]["relative"] < 1e-5
+
+
 def test_a_result_tells_whose_mean_counts(tmp_path):
     save(tmp_path / "cube.nc", layers())
     told = [note for note in run(tmp_path, profile(mean=0.5)).warnings if "g/m3" in note]

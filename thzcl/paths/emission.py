@@ -24,6 +24,7 @@ Array = NDArray[np.float64]
 AT_ONCE = 8  # frequencies that one pass carries
 THIN = 1 / 8  # depth of a voxel up to which a series replaces the exponential
 PLANCK_NODES = 16  # temperatures at which Planck's law is fitted
+EVEN_K = 1e-9  # departures up to here, which rounding spoils, take the slope at the mean
 
 
 @dataclass(frozen=True)
@@ -190,10 +191,13 @@ def _planck_powers(expansion: Expansion, span: tuple[float, float], precision: s
     """
     low, high = min(span[0], 0.0), max(span[1], 0.0)
     largest = max(-low, high)
+    mean_k = expansion.air.temperature_k
+    if largest < EVEN_K:
+        slope = radiometry.planck_slope(expansion.frequency_hz, mean_k)
+        return np.stack([np.zeros_like(slope), slope], axis=1)
     t = (low + high) / 2 + (high - low) / 2 * np.cos(
         (np.arange(PLANCK_NODES) + 0.5) * np.pi / PLANCK_NODES
     )
-    mean_k = expansion.air.temperature_k
     t = (mean_k + t) - mean_k  # the departure as it is after rounding
     # The slope is fitted, and multiplied by t: the difference is exactly 0 at t = 0.
     slopes = radiometry.planck_difference(expansion.frequency_hz[:, None], mean_k + t, mean_k) / t
