@@ -289,6 +289,21 @@ def test_a_cube_that_was_told_to_be_oblique_is(tmp_path):
     assert tilted.optical_depth.item() == pytest.approx(0.0874, rel=1e-2)
 
 
+def test_powers_that_overflow_are_refused(tmp_path):
+    """What the refusal advises works."""
+    save(tmp_path / "cube.nc", layers())
+    due = run(tmp_path, profile()).variants[0].radiances.optical_depth.item()
+    for mean in (0.05, 0.01, 0.0015):
+        data = profile(mean=mean) | {"numerics": {"moments": 16}}
+        with pytest.raises(ScenarioError, match="of degree 16 overflow float32") as caught:
+            run(tmp_path, data)
+        most = int(str(caught.value).split("give at most ")[1].split(",")[0])
+        for mended in ({"moments": most}, {"moments": 16, "precision": "float64"}):
+            sight = run(tmp_path, data | {"numerics": mended}).variants[0].radiances
+            assert sight.optical_depth.item() == pytest.approx(due, rel=1e-5)
+    assert run(tmp_path, profile(mean=0.1) | {"numerics": {"moments": 16}})
+
+
 @pytest.mark.parametrize("apart_k", [0.0, 1e-13, 2e-6])
 def test_a_cube_of_the_scenes_own_temperature_is_air_of_one_temperature(tmp_path, apart_k):
     """Nor do departures matter that are as small as rounding."""

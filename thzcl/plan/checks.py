@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
+
+import numpy as np
 
 from thzcl.device.opencl import Device
 from thzcl.errors import ScenarioError
@@ -14,6 +17,7 @@ from thzcl.scenario.problems import Trouble
 from thzcl.scenario.scene import Box, Scene
 
 _SAME = "to stand in one file; run them apart with --variant"
+_ROOM = 1e3  # between the largest number and a sum of powers: spans are foreseen, not known
 _AT_RANDOM = (
     "needs air that fluctuates at random: [atmosphere.fluctuations] with a sigma or structure "
     "constant above 0"
@@ -25,6 +29,7 @@ def together(document: Document, plan: Plan) -> None:
     troubles = []
     for variant in plan.variants:
         troubles += _of_sensor(variant) + _of_variants(plan.variants[0], variant)
+        troubles += _of_powers(variant)
     troubles += _of_difference(plan)
     if troubles:
         raise ScenarioError(document.problems(troubles))
@@ -78,6 +83,21 @@ def _lie(variant: PlannedVariant) -> tuple[object, ...]:
     if cube is None:
         return ()
     return cube.grid, cube.voxel_m, variant.orientation, cube.isothermal
+
+
+def _of_powers(variant: PlannedVariant) -> list[Trouble]:
+    """Returns that the arithmetic does not hold the powers of humidity along a path, if so."""
+    planned, precision = variant.expansion.planned(), variant.settled.precision
+    reach = max(map(abs, planned.humidity_span))
+    room = math.log(float(np.finfo(precision).max) / (_ROOM * max(variant.longest_m, 1.0)))
+    if planned.moments * math.log(max(reach, 1.0)) <= room:
+        return []
+    text = (
+        f"in air of up to {reach + 1:.3g} times the mean humidity, powers of degree "
+        f"{planned.moments} overflow {precision}; give at most {int(room / math.log(reach))}"
+    )
+    other = ', or precision = "float64"' if precision == "float32" else ""
+    return [Trouble(("numerics", "moments"), text + other)]
 
 
 def _of_sensor(variant: PlannedVariant) -> list[Trouble]:

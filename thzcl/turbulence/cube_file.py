@@ -29,8 +29,8 @@ FEWEST, MOST = 16, 512  # voxels along an edge, as the key grid
 SAME_VOXEL = 1e-6  # relative: two numbers that mean one edge
 SAME_STEP = 0.01  # relative: steps of coordinates, which are rounded, against that edge
 SAME_MEAN = 0.01  # relative: means of cube and scene that need no note
-# Times the scene's mean that a cube may hold: the fit in powers of their ratio, up to the eighth,
-# stays well within float32 (3e38).
+# Times the scene's mean that a cube may hold: the fourth power of their ratio, which fits take, is
+# well within float32 (3e38). A plan refuses higher powers where they are not.
 MOST_RATIO = 1e4
 
 HUMIDITY = Quantity(
