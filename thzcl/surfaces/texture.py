@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import warnings
 from dataclasses import dataclass
 from functools import lru_cache
@@ -13,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from thzcl.errors import FileError
-from thzcl.files import PICTURE, open_regular
+from thzcl.files import PICTURE, digest, open_regular
 
 if TYPE_CHECKING:
     from PIL.ImageFile import ImageFile
@@ -45,17 +44,17 @@ def read(path: Path, ends: tuple[float, float] | None, quantity: str) -> Texture
     missing, too large, broken, animated or of another kind, and for values beyond the quantity's
     limits.
     """
-    return _read(path, _changed(path), ends, quantity)
+    return _read(path, digest(path, PICTURE), ends, quantity)
 
 
 @lru_cache(maxsize=8)  # the variants of a scenario share their pictures
 def _read(
     path: Path,
-    changed: int,  # noqa: ARG001 (a file that was changed is read again)
+    content: str,  # noqa: ARG001 (a file that was changed is read again)
     ends: tuple[float, float] | None,
     quantity: str,
 ) -> Texture:
-    """Returns what `read` describes, for a file that was last changed at `changed` ns."""
+    """Returns what `read` describes, for a file whose bytes have the SHA-256 `content`."""
     if path.suffix == ".npy":
         if ends is not None:
             raise FileError(f"{path}: an array has its own values; remove range")
@@ -91,12 +90,6 @@ def read_mask(path: Path, shape: tuple[int, int]) -> Array:
         own, image = (f"{columns} x {rows}" for rows, columns in (values.shape, shape))
         raise FileError(f"{path}: the mask has {own} pixels, the image {image}; make them equal")
     return np.asarray(values >= 0.5, dtype=np.float64)
-
-
-def _changed(path: Path) -> int:
-    """Returns when a picture was last changed, in ns. Raises FileError if it cannot be opened."""
-    with open_regular(path, PICTURE) as file:
-        return os.fstat(file.fileno()).st_mtime_ns
 
 
 def _picture(path: Path) -> Array:
