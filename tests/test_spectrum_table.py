@@ -9,6 +9,7 @@ from scenes import scene, write
 
 from thzcl import pipeline
 from thzcl.errors import FileError, ScenarioError
+from thzcl.plan import report
 from thzcl.records.study import study, study_virtual
 from thzcl.turbulence import cube as field
 from thzcl.turbulence import spectrum_table
@@ -90,6 +91,28 @@ def test_a_table_of_kolmogorovs_spectrum_makes_the_same_cube(device, tmp_path):
     rescaled, _ = cube(device, tmp_path, spectrum="table", file="s.csv", sigma_percent=15.0)
     assert rescaled.std() == pytest.approx(0.15, rel=1e-6)
     assert np.corrcoef(rescaled.ravel(), expected.ravel())[0, 1] > 1 - 1e-6
+
+
+def test_waves_that_the_table_does_not_reach_are_told(tmp_path):
+    """The note says how much they matter; a table that reaches them has none."""
+
+    def notes(xi):
+        rows = np.stack([xi, ONE_SIDED * xi ** (-5 / 3)], axis=1)
+        np.savetxt(tmp_path / "s.csv", rows, delimiter=",")
+        air = {"spectrum": "table", "file": "s.csv", "voxel_m": 0.5, "grid": 32, "seed": 3}
+        plan = pipeline.prepare(write(tmp_path, scene(atmosphere__fluctuations=air)))
+        found = report.warnings(plan, report.planned_errors(plan))
+        return [note for note in found if "the measured spectrum holds" in note]
+
+    (note,) = notes(np.geomspace(0.3, 0.9, 20))
+    assert "from 0.3 to 0.9 cycles/m" in note and "the cube's 0.0625 to 1.73 cycles/m" in note
+    waves = np.array(np.meshgrid(*3 * [np.arange(-16, 16)])).reshape(3, -1) / 16.0
+    xi = np.linalg.norm(waves, axis=0)
+    density = np.where(xi > 0, xi, np.inf) ** (-11 / 3)
+    for words, part in ((" % of the variance lie below", xi < 0.3), (" % above", xi > 0.9)):
+        told = float(note.split(words)[0].split()[-1])
+        assert told == pytest.approx(100 * density[part].sum() / density.sum(), rel=0.06)
+    assert notes(np.geomspace(0.05, 2, 20)) == []
 
 
 def test_the_measured_spectrum_makes_measured_air(tmp_path):

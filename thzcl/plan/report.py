@@ -15,6 +15,7 @@ from thzcl.plan.variant import PlannedVariant
 from thzcl.surfaces.geometry import KINDS
 from thzcl.turbulence import cube_file
 from thzcl.turbulence.fields import AnyField, CubeSpec
+from thzcl.turbulence.spectra import beyond_table
 
 STAGES = (
     "surrogate",
@@ -108,7 +109,7 @@ def warnings(plan: Plan, errors: Iterable[float]) -> list[str]:
     `errors` are those of the variants' expansions, relative to the mean air's absorption.
     """
     found = [note for variant in plan.variants for note in _extrapolations(variant)]
-    found += _periods(plan)
+    found += [*_periods(plan), *_continued(plan)]
     for variant, error in zip(plan.variants, errors, strict=True):
         humidity = variant.scene.atmosphere.air.relative_humidity_percent
         if humidity > 100.5:
@@ -154,6 +155,13 @@ def _periods(plan: Plan) -> list[str]:
                 "voxel_m mends that"
             )
     return found + notes
+
+
+def _continued(plan: Plan) -> list[str]:
+    """Returns notes on measured spectra that do not reach all waves of their cubes."""
+    random = [variant.cube.random for variant in plan.variants if variant.cube is not None]
+    notes = [beyond_table(one) for one in dict.fromkeys(random) if one is not None]
+    return [note for note in notes if note]
 
 
 def numerics(variant: PlannedVariant) -> dict[str, object]:

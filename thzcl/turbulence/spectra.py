@@ -26,6 +26,7 @@ KOLMOGOROV = (
     math.gamma(8 / 3) * math.sin(math.pi / 3) / (4 * math.pi**2) * (2 * math.pi) ** (-2 / 3)
 )
 LOGNORMAL_FROM = 0.3  # relative sigma from which clipping a Gaussian at dry air would bias the mean
+EXTRAPOLATED = 1e-3  # part of the variance that a spectrum's continuation may make without a note
 RARE = 1e-6  # probability that a cube exceeds the range that a plan assumes
 
 
@@ -174,6 +175,13 @@ def variance(
 
     It is the sum of Psi dxi^3 over the wave vectors of the cube.
     """
+    return float(_variances(grid, voxel_m, outer_scale_m, table).sum())
+
+
+def _variances(
+    grid: int, voxel_m: float, outer_scale_m: float | None, table: SpectrumTable | None
+) -> Array:
+    """Returns the variance of all waves of one frequency, by the square of their wave number."""
     # np.unique would import numpy.ma, which costs time at the start of every run.
     number = np.arange(-grid // 2, grid // 2)
     along = np.bincount(number**2)  # wave numbers by their square
@@ -181,4 +189,22 @@ def variance(
     count = np.zeros(3 * (grid // 2) ** 2 + 1)
     for square in np.flatnonzero(along):
         count[square : square + len(plane)] += along[square] * plane
-    return float(count @ spectral_amplitude(grid, voxel_m, outer_scale_m, table) ** 2)
+    return np.asarray(count * spectral_amplitude(grid, voxel_m, outer_scale_m, table) ** 2)
+
+
+def beyond_table(turbulence: Turbulence) -> str | None:
+    """Returns a note on waves of a cube that its measured spectrum does not reach, or None."""
+    t, table = turbulence, turbulence.table
+    if table is None:
+        return None
+    low, high = table.frequency[0], table.frequency[-1]
+    variances = _variances(t.grid, t.voxel_m, t.outer_scale_m, table)
+    xi = np.sqrt(np.arange(len(variances))) / t.period_m
+    below, above = (float(variances[w].sum() / variances.sum()) for w in (xi < low, xi > high))
+    if max(below, above) < EXTRAPOLATED:
+        return None
+    return (
+        f"the measured spectrum holds from {low:.3g} to {high:.3g} cycles/m, and is continued by "
+        f"its slopes over the cube's {xi[1]:.3g} to {xi[-1]:.3g} cycles/m: "
+        f"{100 * below:.2g} % of the variance lie below it, {100 * above:.2g} % above"
+    )
