@@ -283,6 +283,32 @@ def test_without_temperature_there_is_none(thzcl_json, tmp_path):
     assert found["correlation_tq"] is found["structure_constant_t"] is None
 
 
+def test_a_unit_that_only_the_size_tells_is_told(tmp_path):
+    """760 is some barometer's millimetres of mercury, and a mountain's hectopascals."""
+    time, grams, x, y = np.loadtxt(
+        synthetic(tmp_path / "a.csv", 2, gaps=0, spikes=0)[0], delimiter=",", skiprows=1
+    ).T
+    warmth = 20 + np.random.default_rng(0).normal(0, 0.1, time.size)
+    named = {"time": time, "h2o_g_m3": grams, "Ux_m_s": x, "Uy_m_s": y, "Ts": warmth}
+
+    def found(pressure, columns=""):
+        rows = named | {"press": np.full(time.size, pressure)}
+        return study([hygrometer.write_csv(tmp_path / "b.csv", rows)], columns=columns)
+
+    for pressure, unit, hpa in ((760.0, "hPa", 760.0), (99.0, "kPa", 990.0), (99e3, "Pa", 990.0)):
+        record = found(pressure)
+        notes = [note for note in record["notes"] if "by its size" in note]
+        assert [note.split(";")[0] for note in notes] == [
+            "column Ts names no unit: taken as degC by its size",
+            f"column press names no unit: taken as {unit} by its size",
+        ]
+        assert "name it with --columns pressure=press:UNIT" in notes[1]
+        assert record["pressure_hpa"] == pytest.approx(hpa)
+    named_too = found(760.0, "pressure=press:mmHg,Ts=Ts:degC")
+    assert named_too["pressure_hpa"] == pytest.approx(1013.25)
+    assert not [note for note in named_too["notes"] if "by its size" in note]
+
+
 def test_a_speed_and_flags_for_what_is_missing(tmp_path):
     """-9999 is a gap, blank lines end a file, units stand in brackets.
 

@@ -13,6 +13,7 @@ from thzcl.errors import RecordError
 
 GRAMS_PER_MILLIMOLE = 0.01801528  # of water, CODATA
 KELVIN = 273.15
+BY_SIZE = "?"  # a unit that only the size of the values can tell
 
 
 class Role(NamedTuple):
@@ -35,7 +36,7 @@ class Column(NamedTuple):
     name: str
     factor: float = 1.0
     offset: float = 0.0
-    assumed: str = ""  # the unit, where the file names none
+    assumed: str = ""  # the unit, or BY_SIZE, where the file names none
 
 
 _SPEED = {"m/s": (1.0, 0.0), "ms-1": (1.0, 0.0), "cm/s": (0.01, 0.0)}
@@ -56,6 +57,7 @@ _HECTOPASCALS = {
     "mb": (1.0, 0.0),
     "kpa": (10.0, 0.0),
     "pa": (0.01, 0.0),
+    **dict.fromkeys(("mmhg", "torr"), (1013.25 / 760, 0.0)),
 }
 _SECONDS = {
     **dict.fromkeys(("s", "sec", "seconds", "ts", "second"), (1.0, 0.0)),
@@ -178,7 +180,7 @@ def _column(role: str, at: int, name: str, unit: str, place: str) -> Column:
         return Column(at, name)
     if not unit:
         assumed = ROLES[role].assumed
-        return Column(at, name, *known.get(assumed, (1.0, 0.0)), assumed=assumed or "?")
+        return Column(at, name, *known.get(assumed, (1.0, 0.0)), assumed=assumed or BY_SIZE)
     if _unit(unit) not in known:
         raise RecordError(
             f'{place}: column {name}: unknown unit "{unit}"; expected one of {", ".join(known)}'

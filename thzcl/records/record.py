@@ -5,7 +5,7 @@ Gaps, repeated stamps and spikes are found and counted.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from thzcl.air.humidity import GAS_CONSTANT_OF_VAPOUR
 from thzcl.errors import RecordError
-from thzcl.records.columns import KELVIN
+from thzcl.records.columns import BY_SIZE, ROLES
 from thzcl.records.reading import Rows, read
 
 Array = NDArray[np.float64]
@@ -101,6 +101,12 @@ def load(paths: Sequence[Path], columns: str = "") -> Record:
     rate_hz, index = _clock(joined)
     first = joined.parts[0]
     values = {role: _even(joined, role, index) for role in first.values}
+    units = {role: first.columns[role].assumed for role in values}
+    for role, unit in units.items():
+        if unit == BY_SIZE:
+            units[role] = _unit_by_size(role, values[role])
+            factor, offset = ROLES[role].units[units[role].lower()]
+            values[role] = factor * values[role] + offset
     _check(first, values, rate_hz)
     gaps = int(np.isnan(values["h2o"]).sum())
     spikes = {
@@ -130,7 +136,7 @@ def load(paths: Sequence[Path], columns: str = "") -> Record:
         repeats=len(joined.time_s) - len(index) + joined.repeats,
         out_of_order=joined.out_of_order,
         spikes=spikes,
-        notes=tuple(_notes(first)),
+        notes=tuple(_notes(first, units)),
     )
     if not record.wind_speed_m_s >= SLOWEST_M_S:
         names = ", ".join(first.columns[role].name for role in components)
@@ -142,11 +148,15 @@ def load(paths: Sequence[Path], columns: str = "") -> Record:
     return record
 
 
-def _notes(rows: Rows) -> Iterator[str]:
-    """Yields what was taken for granted."""
-    for role, column in rows.columns.items():
-        if column.assumed not in ("", "?") and role not in ("time", "nanoseconds"):
-            yield f"column {column.name} names no unit: taken as {column.assumed}"
+def _notes(rows: Rows, units: Mapping[str, str]) -> Iterator[str]:
+    """Yields what was taken for granted; `units` are those assumed, by role, or empty."""
+    for role, unit in units.items():
+        column = rows.columns[role]
+        if column.assumed == BY_SIZE:
+            say = f"if it is another, name it with --columns {role}={column.name}:UNIT"
+            yield f"column {column.name} names no unit: taken as {unit} by its size; {say}"
+        elif unit:
+            yield f"column {column.name} names no unit: taken as {unit}"
     if "Ux" not in rows.values:
         yield (
             "wind is a speed without direction: its mean exceeds the mean vector, "
@@ -176,10 +186,7 @@ def _join(parts: Sequence[Rows]) -> _Joined:
         _check_stamps(part)
     for before, after in pairwise(parts):
         place = f"{after.layout.path}:{after.layout.first_line}"
-        if (
-            before.layout.station != after.layout.station
-            or before.values.keys() != after.values.keys()
-        ):
+        if before.layout.station != after.layout.station or _assumed(before) != _assumed(after):
             text = f"of another station, or with other columns, than {before.layout.path}"
             raise RecordError(
                 f"{place}: column {after.columns['time'].name}: {text}; analyse them apart"
@@ -203,6 +210,11 @@ def _join(parts: Sequence[Rows]) -> _Joined:
             "expected stamps as fine as the samples"
         )
     return _Joined(parts, time_s[fresh], row[fresh], int((~fresh).sum()), out_of_order)
+
+
+def _assumed(part: Rows) -> dict[str, str]:
+    """Returns the units that are assumed, by role, for the columns that hold values."""
+    return {role: part.columns[role].assumed for role in part.values}
 
 
 def _stamp(part: Rows, at: int) -> str:
@@ -274,19 +286,15 @@ def _even(joined: _Joined, role: str, index: NDArray[np.int64]) -> Array:
     step = (joined.time_s[-1] - joined.time_s[0]) / index[-1]
     # Of two rows at one step of time the later in the file is written over by the earlier.
     even[np.rint((joined.time_s - joined.time_s[0]) / step).astype(np.int64)[::-1]] = values[::-1]
-    column = joined.parts[0].columns[role]
-    return _in_kelvin_or_hectopascals(role, even) if column.assumed == "?" else even
+    return even
 
 
-def _in_kelvin_or_hectopascals(role: str, values: Array) -> Array:
-    """Returns values of a column without a unit in K or hPa.
-
-    Their size leaves no doubt whether they are degrees or kelvin, or Pa, hPa or kPa.
-    """
+def _unit_by_size(role: str, values: Array) -> str:
+    """Returns the unit that values of a column without one most likely have, by their size."""
     typical = float(np.nanmedian(values)) if np.isfinite(values).any() else 0.0
     if role == "Ts":
-        return values + KELVIN if typical < 150 else values
-    return values * (0.01 if typical > 2000 else 10.0 if typical < 200 else 1.0)
+        return "degC" if typical < 150 else "K"
+    return "Pa" if typical > 2000 else "kPa" if typical < 200 else "hPa"
 
 
 def _check(rows: Rows, values: dict[str, Array], rate_hz: float) -> None:
