@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, Literal
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from thzcl.sensor import (
     Optics,
     Parameters,
     Sensor,
+    User,
     View,
     hookimpl,
     parameter,
@@ -46,6 +47,7 @@ class Active(Sensor):
     class Params(Parameters):
         """Parameters of the active imager."""
 
+        used_by: ClassVar = {"aperture_m": User(("spreading",), ("lambert",))}
         frequency_ghz: FrequencyGHz = parameter(help="frequency of the source", unit="GHz")
         source_power_w: float = parameter(
             1e-3, gt=0, unit="W", help="power of the source, on each pixel's spot"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, Literal
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +16,7 @@ from thzcl.sensor import (
     Parameters,
     Radiances,
     Sensor,
+    User,
     View,
     bands,
     hookimpl,
@@ -51,6 +52,13 @@ class PassiveBroadband(Sensor):
     class Params(Parameters):
         """Parameters of the passive broadband imager."""
 
+        used_by: ClassVar = {
+            "paper_steps": User(("quadrature",), ("paper",)),
+            "step_ghz": User(("quadrature",), ("paper",)),
+            "aperture_m": User(("throughput",), ("geometric",)),
+            "frame_rate_hz": User(("noise_equivalent_power_w_rthz",)),
+            "noise_bandwidth": User(("noise_equivalent_power_w_rthz",)),
+        }
         center_ghz: FrequencyGHz | None = parameter(None, unit="GHz", help="middle of the band")
         bandwidth_ghz: FrequencyGHz | None = parameter(
             None, unit="GHz", help="width of the band; of a Gaussian, at half maximum"

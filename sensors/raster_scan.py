@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any, Literal
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 
-from thzcl.sensor import Image, Needs, Parameters, Sensor, View, hookimpl, parameter
+from thzcl.sensor import Image, Needs, Parameters, Sensor, User, View, hookimpl, parameter
 
 
 class RasterScan(Sensor):
@@ -27,6 +27,12 @@ class RasterScan(Sensor):
     class Params(Parameters):
         """Parameters of the scan."""
 
+        used_by: ClassVar = {
+            **dict.fromkeys(
+                ("dwell_s", "order", "back_and_forth", "reverse"), User(("timing",), ("raster",))
+            ),
+            **dict.fromkeys(("integration_time_s", "samples"), User(("timing",), ("focal-plane",))),
+        }
         timing: Literal["raster", "focal-plane"] = parameter(
             "raster", help="one pixel after the other, or all together"
         )

@@ -17,7 +17,8 @@ SPECTRAL = {"kind": "passive-spectral", "frequency_ghz": 650.0}
 
 
 def scan(**parameters):
-    return {"kind": "raster-scan", "dwell_s": 0.01, "detector": SPECTRAL} | parameters
+    timed = {} if "timing" in parameters else {"dwell_s": 0.01}
+    return {"kind": "raster-scan", "detector": SPECTRAL} | timed | parameters
 
 
 def depth(folder, sensor, wind, **changes):

@@ -8,10 +8,11 @@ import h5py
 import jsonschema
 import pytest
 import tomli
-from scenes import PLAIN, scene, write
+from scenes import ACTIVE, BROAD, DRIFTING, PLAIN, scene, write
 
 from thzcl import pipeline
 from thzcl.errors import ScenarioError
+from thzcl.plan import report
 from thzcl.scenario import document, manual
 from thzcl.scenario.atmosphere import Atmosphere, Fluctuations
 from thzcl.scenario.source import SHIPPED, find, shipped
@@ -304,6 +305,74 @@ def test_fluctuations_that_lack_a_seed_are_never_taken_for_still_air():
     )
     with pytest.raises(ValueError, match="a seed"):
         turbulence(air)
+
+
+FLOW = "atmosphere.fluctuations"
+SCAN = {"kind": "raster-scan", "detector": PLAIN["sensor"], "timing": "focal-plane"}
+IDLE = {
+    "scale": ({FLOW + ".outer_scale_m": 9.0}, 'used by spectrum = "von-karman" only; remove it'),
+    "correlation": (
+        {FLOW + ".correlation_tq": 0.5},
+        "is used with temperature_sigma_k or structure_constant_t only; remove it, or give that",
+    ),
+    "grid": (
+        {FLOW: {"spectrum": "file", "file": "a.nc", "grid": 64}},
+        'grid: is used by spectrum = "kolmogorov" or "von-karman" or "table" only',
+    ),
+    "aperture": ({"sensor": ACTIVE | {"aperture_m": 0.1}}, 'used by spreading = "lambert" only'),
+    "steps": ({"sensor": BROAD | {"step_ghz": 5.0}}, 'step_ghz: is used by quadrature = "paper"'),
+    "area": ({"sensor": BROAD | {"aperture_m": 0.1}}, 'is used by throughput = "geometric" only'),
+    "rate": (
+        {"sensor": BROAD | {"frame_rate_hz": 9.0}},
+        "is used with noise_equivalent_power_w_rthz only",
+    ),
+    "dwell": (
+        {"sensor": SCAN | {"integration_time_s": 1.0, "dwell_s": 1.0}},
+        'dwell_s: is used by timing = "raster" only',
+    ),
+    "in a detector": (
+        {"sensor": SCAN | {"integration_time_s": 1.0, "detector": BROAD | {"aperture_m": 0.1}}},
+        '[sensor.detector] aperture_m: is used by throughput = "geometric" only',
+    ),
+}
+
+
+@pytest.mark.parametrize("name", IDLE)
+def test_a_key_that_no_variant_uses_is_refused(tmp_path, name):
+    keys, words = IDLE[name]
+    (line,) = problems(write(tmp_path, PLAIN), keys)
+    assert words in line
+
+
+def test_a_key_that_one_variant_uses_stands_for_all(tmp_path):
+    own = {"sensor.spreading": "lambert"}
+    variants = [{"name": "even", "set": own}, {"name": "mirror", "set": {}}]
+    data = scene(sensor=ACTIVE | {"aperture_m": 0.1}, variants=variants)
+    assert pipeline.prepare(write(tmp_path, data))
+    assert pipeline.prepare(write(tmp_path, data), variants=["mirror"])
+    data["variants"][0]["set"] = {}
+    (line,) = problems(write(tmp_path, data))
+    assert "aperture_m: is used by spreading" in line
+
+
+def test_wind_that_moves_nothing_is_told(tmp_path):
+    """Scenes that are written of records give the wind, whatever sensor comes to them."""
+    notes = []
+    scan = SCAN | {"integration_time_s": 1.0}
+    for air, sensor in ((DRIFTING, ACTIVE), (DRIFTING, scan), (PLAIN["atmosphere"], ACTIVE)):
+        plan = pipeline.prepare(write(tmp_path, scene(atmosphere=air, sensor=sensor)))
+        found = report.warnings(plan, report.planned_errors(plan))
+        notes.append([note for note in found if "wind_m_s moves nothing" in note])
+    assert [len(found) for found in notes] == [1, 0, 0]
+
+
+def test_a_difference_of_variants_that_are_not_there_is_refused(tmp_path):
+    variants = [{"name": "warm", "set": {}}, {"name": "cold", "set": {}}]
+    data = scene(output={"difference": ["warm", "colt"]}, variants=variants)
+    (line,) = problems(write(tmp_path, data))
+    assert '[output] difference: no variant "colt" (did you mean cold?)' in line
+    data["output"]["difference"] = ["warm", "cold"]
+    assert pipeline.prepare(write(tmp_path, data), variants=["cold"])
 
 
 def test_the_schema_knows_what_the_reader_knows():

@@ -45,6 +45,7 @@ from pydantic import Field
 
 from thzcl.air import radiometry
 from thzcl.scenario.table import Table as Parameters
+from thzcl.scenario.table import User
 from thzcl.scenario.table import key as parameter
 from thzcl.sensing import bands
 
@@ -60,6 +61,7 @@ __all__ = [
     "Parameters",
     "Radiances",
     "Sensor",
+    "User",
     "View",
     "bands",
     "hookimpl",

@@ -109,7 +109,7 @@ def warnings(plan: Plan, errors: Iterable[float]) -> list[str]:
     `errors` are those of the variants' expansions, relative to the mean air's absorption.
     """
     found = [note for variant in plan.variants for note in _extrapolations(variant)]
-    found += [*_periods(plan), *_continued(plan)]
+    found += [*_periods(plan), *_continued(plan), *_idle_wind(plan)]
     for variant, error in zip(plan.variants, errors, strict=True):
         humidity = variant.scene.atmosphere.air.relative_humidity_percent
         if humidity > 100.5:
@@ -155,6 +155,16 @@ def _periods(plan: Plan) -> list[str]:
                 "voxel_m mends that"
             )
     return found + notes
+
+
+def _idle_wind(plan: Plan) -> list[str]:
+    """Returns a note on wind that moves nothing, since all pixels are taken at once."""
+    flows = [variant.scene.atmosphere.fluctuations for variant in plan.variants]
+    blows = any(flow is not None and any(flow.wind_m_s) for flow in flows)
+    if not blows or any(variant.needs.times_s is not None for variant in plan.variants):
+        return []
+    how = 'a sensor that takes its pixels at times of their own, as kind = "raster-scan" does'
+    return [f"wind_m_s moves nothing here; it is for {how}"]
 
 
 def _continued(plan: Plan) -> list[str]:

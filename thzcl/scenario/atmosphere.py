@@ -11,7 +11,7 @@ from thzcl.air.composition import Part
 from thzcl.air.mean import Air
 from thzcl.scenario.constituents import parts
 from thzcl.scenario.problems import Trouble
-from thzcl.scenario.table import Table, Vector, key
+from thzcl.scenario.table import Table, User, Vector, key
 
 AirKelvin = Annotated[float, Field(ge=100, le=400)]
 
@@ -23,6 +23,12 @@ class Fluctuations(Table):
         ("sigma_percent", "structure_constant_q"),
         ("temperature_sigma_k", "structure_constant_t"),
     )
+    used_by: ClassVar = {
+        "outer_scale_m": User(("spectrum",), ("von-karman",)),
+        "distribution": User(("spectrum",), ("kolmogorov", "von-karman", "table")),
+        "grid": User(("spectrum",), ("kolmogorov", "von-karman", "table")),
+        "correlation_tq": User(("temperature_sigma_k", "structure_constant_t")),
+    }
 
     spectrum: Literal["kolmogorov", "von-karman", "table", "file"] = key(
         "kolmogorov", help='power spectrum; "table" reads a measured one, "file" a whole cube'
@@ -86,9 +92,6 @@ class Fluctuations(Table):
             found.append(self.trouble("grid", text))
         if self.spectrum == "von-karman" and self.outer_scale_m is None:
             found.append(Trouble((), 'spectrum = "von-karman" needs outer_scale_m'))
-        if self.spectrum != "von-karman" and self.outer_scale_m is not None:
-            text = 'is used by spectrum = "von-karman" only; remove it or change spectrum'
-            found.append(self.trouble("outer_scale_m", text))
         if (self.spectrum in ("file", "table")) != (self.file is not None):
             text = 'spectrum = "file" or "table" and file = "..." go together'
             found.append(self.trouble("spectrum", text))

@@ -186,11 +186,34 @@ def parse(
         troubles += found
         if scene is not None:
             variants.append(Variant(entry.name, scene, entry.name if entries else ""))
+    troubles += _of_difference(base, known)
+    if not (troubles or names):  # of a choice of variants, those left out may use a key
+        troubles = _unused(variants)
     if troubles or unknown:
         raise ScenarioError([*unknown, *document.problems(troubles)])
     return Scenario(
         document.name, document.folder, dumps(document.data), tuple(variants), allow_outside
     )
+
+
+def _unused(variants: Sequence[Variant]) -> list[Trouble]:
+    """Returns the keys that are given and do nothing in any variant."""
+    each = []
+    for variant in variants:
+        sensor = sensors.unused(frozen(variant.scene.sensor.model_dump()))
+        found = variant.scene.unused() + [trouble.below("sensor") for trouble in sensor]
+        each.append({trouble.path: trouble for trouble in found})
+    return [one for path, one in each[0].items() if all(path in found for found in each)]
+
+
+def _of_difference(base: Mapping[str, Any], known: Sequence[str]) -> list[Trouble]:
+    """Returns the variants that a difference is asked of, but that there are not."""
+    names = _at(base, ("output", "difference"))
+    return [
+        Trouble(("output", "difference"), f'no variant "{name}" ({suggest(name, known)})')
+        for name in (names if isinstance(names, list | tuple) else ())
+        if isinstance(name, str) and name not in known
+    ]
 
 
 def _scene(

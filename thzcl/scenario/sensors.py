@@ -59,6 +59,16 @@ def troubles(table: Any) -> list[Trouble]:
     return found + [trouble.below("detector") for trouble in troubles(inner)]
 
 
+def unused(table: Mapping[str, Any]) -> list[Trouble]:
+    """Returns the keys of a sound [sensor] table that do nothing, paths relative to it."""
+    sensor = sensor_class(table["kind"])
+    params = sensor.Params.model_validate(_parameters(table, sensor))
+    found = guard.call(describe(table["kind"]), params.unused)
+    if not sensor.wraps:
+        return found
+    return found + [trouble.below("detector") for trouble in unused(table["detector"])]
+
+
 def make(table: Mapping[str, Any]) -> Sensor:
     """Returns the sensor that a sound [sensor] table describes, with the one that it wraps.
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from itertools import combinations
-from typing import Annotated, Any, ClassVar, Self
+from typing import Annotated, Any, ClassVar, NamedTuple, Self
 
 from pydantic import (
     BaseModel,
@@ -19,7 +19,30 @@ from pydantic import (
 )
 from pydantic.functional_validators import ModelWrapValidatorHandler
 
-from thzcl.scenario.problems import Trouble, listed, refusal, translate
+from thzcl.scenario.problems import Trouble, listed, refusal, shown, translate
+
+
+class User(NamedTuple):
+    """What makes use of a key: one of some `keys` of its table, if it has one of some `values`.
+
+    Without values it is enough that one of those keys is given.
+    """
+
+    keys: tuple[str, ...]
+    values: tuple[str, ...] = ()
+
+    def uses(self, table: BaseModel) -> bool:
+        """Returns whether the key is used in a table."""
+        if self.values:
+            return any(getattr(table, name) in self.values for name in self.keys)
+        return any(name in table.model_fields_set for name in self.keys)
+
+    def __str__(self) -> str:
+        named = " or ".join(self.keys)
+        if not self.values:
+            return f"is used with {named} only; remove it, or give that"
+        values = " or ".join(map(shown, self.values))
+        return f"is used by {named} = {values} only; remove it or change {named}"
 
 
 class Table(BaseModel):
@@ -34,6 +57,8 @@ class Table(BaseModel):
     # Groups of keys of which exactly one, or at most one, may be given.
     exactly_one: ClassVar[tuple[tuple[str, ...], ...]] = ()
     at_most_one: ClassVar[tuple[tuple[str, ...], ...]] = ()
+    # Keys that only others make use of. One that no variant of a scenario uses is refused.
+    used_by: ClassVar[Mapping[str, User]] = {}
 
     def troubles(self) -> list[Trouble]:
         """Returns what is wrong with this table's values taken together, each of them being sound.
@@ -41,6 +66,22 @@ class Table(BaseModel):
         Tables override it where there is something to say.
         """
         return []
+
+    def unused(self) -> list[Trouble]:
+        """Returns keys of this table, and of those within it, that are given and do nothing."""
+        found = [
+            Trouble((name,), str(user))
+            for name, user in self.used_by.items()
+            if getattr(self, name) != type(self).model_fields[name].default and not user.uses(self)
+        ]
+        for name in type(self).model_fields:
+            value = getattr(self, name)
+            tables = value if isinstance(value, Mapping) else {"": value}
+            for inner, table in tables.items():
+                if isinstance(table, Table):
+                    path = (name, inner) if inner else (name,)
+                    found += [trouble.below(*path) for trouble in table.unused()]
+        return found
 
     @staticmethod
     def trouble(name: str, text: str) -> Trouble:
