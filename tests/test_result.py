@@ -176,6 +176,18 @@ def test_images_of_other_quantities_are_never_stored_as_one(tmp_path, monkeypatc
         run(tmp_path, scene(variants=variants))
 
 
+def test_a_result_runs_the_variants_again_that_were_made(two, tmp_path):
+    """Unless others are asked for; one of all variants runs all."""
+    result, _ = two
+    path = replace(result, variants=result.variants[1:]).save(tmp_path / "cold.nc")
+    for names, due in (((), ["cold"]), (["warm"], ["warm"]), (["cold", "warm"], ["warm", "cold"])):
+        plan = pipeline.prepare(path, variants=names)
+        assert [variant.name for variant in plan.variants] == due
+    plain = run(tmp_path, scene()).save(tmp_path / "other_name.nc")
+    assert len(pipeline.prepare(plain).variants) == 1
+    assert len(pipeline.prepare(two[1]).variants) == 2
+
+
 def test_microkelvins_survive(tmp_path):
     result = run(
         tmp_path,

@@ -83,6 +83,7 @@ class Document:
     data: dict[str, Any]
     lines: Mapping[KeyPath, int]
     settings: frozenset[KeyPath]  # keys that came from --set
+    made: tuple[str, ...] = ()  # the variants whose images are in the result that it came from
 
     def problem(self, trouble: Trouble) -> str:
         """Returns a trouble in one line: file, line, table, key, text."""
@@ -124,7 +125,7 @@ def read(source: str | Path, settings: Mapping[str, Any] | None = None) -> Docum
     such file, it is not TOML, or a setting cannot be made.
     """
     path = find(source)
-    text, folder = text_of(path)
+    text, folder, made = text_of(path)
     data = load(text, str(path))
     reasons = {name: _change(data, name, value) for name, value in (settings or {}).items()}
     if any(reasons.values()):
@@ -132,7 +133,7 @@ def read(source: str | Path, settings: Mapping[str, Any] | None = None) -> Docum
     _draw_seeds(data)
     changed = frozenset(map(_split, reasons))
     name = path.stem.encode("utf-8", "surrogateescape").decode("utf-8", "replace")
-    return Document(name, str(path), folder, data, line_numbers(text), changed)
+    return Document(name, str(path), folder, data, line_numbers(text), changed, made)
 
 
 def _draw_seeds(data: dict[str, Any]) -> None:
@@ -169,11 +170,13 @@ def parse(
 ) -> Scenario:
     """Returns the scenario with its variants applied: all of them, or those of the given names.
 
+    Without names, the scenario of a result has the variants whose images the result holds.
     Raises ScenarioError with every problem at once.
     """
     base = {name: table for name, table in document.data.items() if name != "variants"}
     entries, troubles = _variant_tables(document.data.get("variants", ()))
     known = [entry.name for entry in entries]
+    names = names or [name for name in document.made if name in known]
     unknown = [
         f"--variant {name}: no such variant ({suggest(name, known)})"
         for name in names

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import NamedTuple
 
 from thzcl.errors import FileError, ScenarioError
 from thzcl.files import RESULT, SCENE, open_netcdf, read_text
@@ -42,28 +43,44 @@ def shipped() -> dict[str, str]:
     return scenes
 
 
-def text_of(path: Path) -> tuple[str, Path]:
-    """Returns the text of a scenario and the folder that its paths start from.
+class Text(NamedTuple):
+    """The text of a scenario, and the folder that its paths start from.
 
-    `path` is a TOML file, or a result (.nc), which carries its scenario. Raises ScenarioError.
+    `made` are the names of the images that a result holds, of all variants or of a choice of them.
+    """
+
+    text: str
+    folder: Path
+    made: tuple[str, ...] = ()
+
+
+def text_of(path: Path) -> Text:
+    """Returns the text of a scenario: a TOML file, or a result (.nc), which carries its scenario.
+
+    Raises ScenarioError.
     """
     try:
         if path.suffix == ".nc":
             return _stored_text(path)
-        return read_text(path, SCENE), path.parent
+        return Text(read_text(path, SCENE), path.parent)
     except FileError as error:
         raise ScenarioError([str(error)]) from None
 
 
-def _stored_text(path: Path) -> tuple[str, Path]:
+def _stored_text(path: Path) -> Text:
     """Returns the scenario that a result carries, and its first folder, if that is still there.
 
     Raises FileError.
     """
+    import h5py
+
     with open_netcdf(path, RESULT) as file:
         text, folder = file.attrs.get("scenario_toml"), file.attrs.get("scenario_folder")
+        names = file.get("variant")
+        named = isinstance(names, h5py.Dataset) and h5py.check_string_dtype(names.dtype)
+        made = tuple(map(str, names.asstr()[...].ravel())) if named else ()
     if not isinstance(text, str):
         raise FileError(f"{path}: holds no scenario; {RESULT.give}")
     if isinstance(folder, str) and Path(folder).is_dir():
-        return text, Path(folder)
-    return text, path.parent
+        return Text(text, Path(folder), made)
+    return Text(text, path.parent, made)
