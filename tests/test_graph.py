@@ -14,10 +14,12 @@ from typing import ClassVar
 import numpy as np
 import pytest
 from conftest import ROOT
+from scenes import DRIFTING, PLAIN, scene, write
 
 from thzcl import pipeline
 from thzcl.clock import Clock
 from thzcl.graph import Memory, Spec, Values, evaluate, everything, frozen, peak, rewrite
+from thzcl.plan import report
 from thzcl.sensing.pixels import SumSpec
 
 DEEP = 16  # diamonds on top of each other: 65,536 paths from the top to the bottom
@@ -97,6 +99,29 @@ class Leaf(Spec):
 
 
 @frozen
+class Total(Spec):
+    """The sum of many numbers, of which it holds two at once."""
+
+    parts: tuple[Spec, ...]
+    size: int = 0
+    scratch: int = 0
+    reads = one_by_one = ("parts",)
+    stage = "totals"
+
+    def run(self, device, parts):
+        """Returns the sum."""
+        del device
+        total = 0
+        for part in parts:
+            total += part.number
+        return WATCH.add(total)
+
+    def memory(self):
+        """Returns what it says."""
+        return Memory((self.size,), (self.scratch,))
+
+
+@frozen
 class Pair(Spec):
     """The sum of two numbers."""
 
@@ -115,20 +140,6 @@ class Pair(Spec):
     def memory(self):
         """Returns what it says."""
         return Memory((self.size,), (self.scratch,))
-
-
-@frozen
-class Total(Spec):
-    """The sum of many numbers, which are asked for one after the other."""
-
-    parts: tuple[Spec, ...]
-    reads = ("parts",)
-    stage = "totals"
-
-    def run(self, device, parts):
-        """Returns the sum."""
-        del device
-        return WATCH.add(sum(part.number for part in parts))
 
 
 def diamonds(depth, bottom):
@@ -312,6 +323,28 @@ def test_the_peak_of_a_chain_and_of_a_diamond():
     assert peak([diamond, leaf]) == (10 + 20 + 30 + 40 + 100, 100)  # the leaf is wanted too
 
 
+def test_the_peak_of_many_inputs_that_are_taken_one_by_one():
+    """Of many exposures two are held at once, beside what is made of them."""
+    leaves = tuple(Leaf(n, 10 + n) for n in range(50))
+    assert peak([Total(leaves, 1000, 3)]) == (1000 + 58 + 59, 1000)
+    assert peak([Total(leaves, 1000, 99)]) == (1000 + 59 + 99, 1000)
+    shared = Pair(Total(leaves, 1000), leaves[0], 1)
+    assert peak([shared]) == (1000 + 10 + 58 + 59, 1000)
+    deep = tuple(Pair(Leaf(n, 500), None, 10) for n in range(50))
+    assert peak([Total(deep, 1000)]) == (1000 + 10 + 500 + 10, 1000)
+
+
+def test_a_scan_holds_two_exposures_and_not_all(tmp_path):
+    """Its peak does not grow with the instants that it averages."""
+    peaks = []
+    for samples in (2, 40):
+        timed = {"timing": "focal-plane", "integration_time_s": 1.0, "samples": samples}
+        sensor = {"kind": "raster-scan", "detector": PLAIN["sensor"]} | timed
+        data = scene(sensor=sensor, atmosphere=DRIFTING, camera__pixels=[200, 200])
+        peaks.append(report.memory(pipeline.prepare(write(tmp_path, data)))[0])
+    assert peaks[0] == pytest.approx(peaks[1], rel=0.01)
+
+
 @pytest.mark.parametrize("seed", range(20))
 def test_the_peak_is_what_an_evaluation_holds(monkeypatch, seed):
     """Of graphs at random, bytes by bytes: nothing is held longer than the plan says."""
@@ -320,6 +353,8 @@ def test_the_peak_is_what_an_evaluation_holds(monkeypatch, seed):
     for size in rng.integers(1, 100, 12).tolist():
         one, other = rng.choice(len(specs), 2).tolist()
         specs.append(Pair(specs[one], specs[other], size))
+        if size % 3 == 0:  # what it makes exists once it has run, and has no size before
+            specs.append(Total((*specs[-4:], specs[one])))
     wanted = tuple(specs[n] for n in rng.choice(len(specs), 3, replace=False).tolist())
     held, most = weakref.WeakKeyDictionary(), []
 
@@ -332,7 +367,7 @@ def test_the_peak_is_what_an_evaluation_holds(monkeypatch, seed):
 
         return run
 
-    for kind in (Leaf, Pair):
+    for kind in (Leaf, Pair, Total):
         monkeypatch.setattr(kind, "run", weighed(kind.run))
     values = next(evaluate([wanted], Bench()))
     assert max(most) == peak(wanted)[0]

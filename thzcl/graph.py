@@ -96,10 +96,12 @@ class Spec:
 
     `reads` names the fields that are specs, tuples of specs, or None. Their values are passed to
     run() by the same names. For a tuple of specs run() receives an iterator, which computes each
-    value when it is asked for.
+    value when it is asked for. `one_by_one` names those tuples of which run() holds no value but
+    the last one and the one before it.
     """
 
     reads: ClassVar[tuple[str, ...]] = ()
+    one_by_one: ClassVar[tuple[str, ...]] = ()
     stage: ClassVar[str]  # the stage that the time of run() is added to
     run: ClassVar[Callable[..., Any]]
 
@@ -232,15 +234,80 @@ def peak(wanted: Iterable[Spec]) -> tuple[int, int]:
     last reader has run.
     """
     wanted = tuple(wanted)
-    order = list(everything(wanted))
-    last = {spec: place for place, reader in enumerate(order) for spec in reader.inputs()}
-    last |= dict.fromkeys(wanted, len(order))
-    memory = {spec: spec.memory() for spec in order}
-    most = now = 0
-    for place, spec in enumerate(order):
-        held = sum(memory[spec].held)
-        most = max(most, now + held + sum(memory[spec].scratch))
-        now += held
-        now -= sum(sum(memory[one].held) for one in {*spec.inputs()} if last[one] == place)
-    arrays = [size for one in memory.values() for size in (*one.held, *one.scratch)]
-    return most, max(arrays, default=0)
+    order = everything(wanted)
+    weight = _Weight({spec: spec.memory() for spec in order})
+    for spec in order:
+        weight.readers.update(spec.inputs())
+    weight.readers.update(wanted)
+    for spec in wanted:
+        weight.make(spec)
+    arrays = [size for one in weight.memory.values() for size in (*one.held, *one.scratch)]
+    return weight.most, max(arrays, default=0)
+
+
+@dataclass
+class _Weight:
+    """The bytes of an evaluation, followed without computing anything."""
+
+    memory: dict[Spec, Memory]
+    readers: Counter[Spec] = field(default_factory=Counter)  # reads of each spec still to come
+    memo: set[Spec] = field(default_factory=set)
+    holders: Counter[Spec] = field(default_factory=Counter)  # the memo, and specs that run
+    now: int = 0
+    most: int = 0
+
+    def make(self, spec: Spec) -> None:
+        """Follows the computation of a spec's value, if it is not in the memo."""
+        if spec in self.memo:
+            return
+        values = {name: getattr(spec, name) for name in spec.reads}
+        passing = [one for name in spec.one_by_one for one in values.pop(name)]
+        singles = [v for v in values.values() if v is not None and not isinstance(v, tuple)]
+        many = [one for v in values.values() if isinstance(v, tuple) for one in v]
+        for one in singles:
+            self._read(one)
+        own = self.memory[spec]
+        self._add(sum(own.held))  # what it makes, while it reads its tuples
+        for one in many:
+            self._read(one)
+        for number, one in enumerate(passing):
+            self._read(one)  # while the value before it is still in hand
+            if number:
+                self._drop(passing[number - 1])
+            self._reach(sum(own.scratch))
+        self._reach(sum(own.scratch))
+        for one in (*singles, *many, *passing[-1:]):
+            self._drop(one)
+        self._add(-sum(own.held))
+        self.memo.add(spec)
+        self._hold(spec)
+
+    def _read(self, spec: Spec) -> None:
+        """Follows a read of a value, which its reader holds, and the memo only for others."""
+        self.make(spec)
+        self._hold(spec)
+        self.readers[spec] -= 1
+        if not self.readers[spec]:
+            self.memo.remove(spec)
+            self._drop(spec)
+
+    def _hold(self, spec: Spec) -> None:
+        """Adds a holder of a value."""
+        self.holders[spec] += 1
+        if self.holders[spec] == 1:
+            self._add(sum(self.memory[spec].held))
+
+    def _drop(self, spec: Spec) -> None:
+        """Takes away a holder of a value."""
+        self.holders[spec] -= 1
+        if not self.holders[spec]:
+            self._add(-sum(self.memory[spec].held))
+
+    def _add(self, size: int) -> None:
+        """Counts bytes that come, or go if `size` is negative."""
+        self.now += size
+        self._reach(0)
+
+    def _reach(self, more: int) -> None:
+        """Counts bytes that exist for a moment only."""
+        self.most = max(self.most, self.now + more)

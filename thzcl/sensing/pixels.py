@@ -127,7 +127,7 @@ class SumSpec(Spec):
     beams: tuple[Beam, ...]  # weights of radiance
     owns: tuple[Beam, ...]  # weights of depth
     steps: Steps
-    reads = ("rays",)
+    reads = one_by_one = ("rays",)
 
     @property
     def stage(self) -> str:  # type: ignore[override]
