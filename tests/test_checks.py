@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from scenes import lens, run, scene
 
-from thzcl.errors import NumbersError
+from thzcl.errors import NumbersError, ThzclError
 from thzcl.sensing.pixels import PixelsSpec
 
 ACTIVE = {"kind": "active", "frequency_ghz": 650.0, "dynamic_range_db": 80.0}
@@ -59,3 +59,17 @@ def test_depths_beyond_every_exponential_are_numbers(tmp_path):
     sight = run(tmp_path, data).variants[0].radiances
     assert sight.optical_depth.min() > 1e4
     assert np.all(sight.contrast == 0)
+
+
+def test_a_bug_while_a_scene_is_planned_is_no_bad_input(tmp_path, monkeypatch):
+    """A ValueError that no file caused says that thzcl is wrong, and comes through."""
+
+    def broken(*_, **__):
+        raise ValueError("could not broadcast")
+
+    for name in ("plan.variant.geometry.geometry", "plan.variant.cube_source"):
+        with monkeypatch.context() as patch:
+            patch.setattr(f"thzcl.{name}", broken)
+            with pytest.raises(ValueError, match="could not broadcast") as caught:
+                run(tmp_path, scene())
+            assert not isinstance(caught.value, ThzclError)

@@ -19,8 +19,8 @@ def cube_source(
     """Returns what the cube is made from, or None and the reason why there is no cube.
 
     `absorbs` says whether anything in the air absorbs, `emits` whether its emission is seen: then
-    even what absorbs alike everywhere shows its temperature. Raises FileError or ValueError for
-    files that cannot be used.
+    even what absorbs alike everywhere shows its temperature. Raises FileError for files
+    that cannot be used.
     """
     if not absorbs:
         return None, "air absorbs nothing: no field, no FFT"

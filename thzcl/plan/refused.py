@@ -17,9 +17,7 @@ def files_refused(scenario: Scenario) -> Iterator[None]:
     """Turns errors of files, raised within the context, into ScenarioError."""
     try:
         yield
-    except RangeError:
-        raise
-    except (FileError, ValueError) as error:
+    except FileError as error:
         raise ScenarioError([f"{scenario.name}: {error}"]) from None
 
 

@@ -48,7 +48,7 @@ class Scenario:
     def locate(self, name: str) -> Path:
         """Returns the path of a picture or table that the scenario names.
 
-        Raises ValueError for one outside the folder, unless that is allowed.
+        Raises FileError for one outside the folder, unless that is allowed.
         """
         return inside(self.folder, name, allow_outside=self.allow_outside)
 
