@@ -6,8 +6,15 @@ import h5netcdf
 import h5py
 import numpy as np
 import pytest
+from test_air_tables import AXES
+from test_air_tables import save as table
 from test_cubes import AIR, EDGE, WARMTH, N, coordinates, refuses, save
 
+from thzcl import files
+from thzcl.air import grid
+from thzcl.air.constituents.table import GRID
+from thzcl.constituent import File
+from thzcl.records import columns
 from thzcl.turbulence import cube_file
 
 FILL = 9.96921e36
@@ -244,3 +251,21 @@ def test_steps_may_be_rounded_as_the_coordinate_is(tmp_path):
 def test_coordinates_that_contradict_are_refused(tmp_path, heights, attributes, expected):
     path = coordinates(save(tmp_path / "a.nc"), z=(heights, attributes))
     refuses(path, expected)
+
+
+@pytest.mark.parametrize(
+    "spelling", ["degreeCelsius", "degree_Celsius", "\N{DEGREE SIGN}C", "degC"]
+)
+def test_a_unit_is_known_to_every_reader_that_is_known_to_one(tmp_path, spelling):
+    """A cube, a table of absorption and a record's column read the same spellings."""
+    warmth = np.full((N, N, N), 17.0)
+    path = save(tmp_path / "a.nc", temperature=warmth)
+    with h5py.File(path, "a") as file:
+        file["air_temperature"].attrs["units"] = spelling
+    assert cube_file.inspect(path, None).temperature_span_k == pytest.approx((290.15, 290.15))
+    kelvin = {"temperature_k": np.array(AXES[1]) - 273.15}
+    path = table(tmp_path / "t.nc", *AXES, axes=kelvin, temperature_k=spelling)
+    held = grid.read(File("t.nc", path, files.digest(path, files.GRID)), GRID)
+    assert held.arrays["temperature_k"] == pytest.approx(AXES[1])
+    names, units = ("t", "h2o", "Ux", "Uy", "Ts"), ("s", "g/m3", "m/s", "m/s", spelling)
+    assert columns.find(names, units, "", "here")["Ts"][2:4] == (1.0, 273.15)

@@ -76,7 +76,8 @@ FrequencyGHz = Annotated[float, Field(gt=0, le=bands.HIGHEST_GHZ)]  # the air's 
 FrequenciesGHz = FrequencyGHz | Annotated[tuple[FrequencyGHz, ...], Field(min_length=1)]
 hookimpl = pluggy.HookimplMarker("thzcl")
 
-# Names of thzcl's own variables and dimensions in a result, which no layer of a sensor may take.
+# Names of thzcl's own variables and dimensions in a result, which no layer of a sensor may take;
+# "time" and "model" are kept for sequences and for models that are compared.
 RESERVED_NAMES = frozenset(
     {
         *("variant", "frequency", "variant_frequency", "time", "model", "x", "y", "x_angle"),

@@ -6,8 +6,6 @@ Units (section 3.1), packing (8.1), missing values (2.5.1), and names of dimensi
 
 from __future__ import annotations
 
-import re
-import unicodedata
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -15,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from thzcl.air.units import plain
 from thzcl.errors import FileError
 
 if TYPE_CHECKING:
@@ -29,8 +28,8 @@ UNWRITTEN = 9.969209968386869e36  # what the NetCDF library fills numbers with a
 class Quantity:
     """What a variable is to hold: its name, its unit, other units' worth in it, and its limits.
 
-    `units` gives factor and offset to `unit` by name, without blanks and signs of powers; `known`
-    is what messages call them.
+    `units` gives factor and offset to `unit` by name, as thzcl.air.units has it; `known` is what
+    messages call them.
     """
 
     name: str
@@ -126,8 +125,7 @@ def _unit(
     if not given:
         note = f'{place} has no units and was taken to be in {quantity.unit}; give it "units"'
         return 1.0, 0.0, (note,)
-    plain = unicodedata.normalize("NFKC", given).replace("\N{MINUS SIGN}", "-")
-    found = quantity.units.get(re.sub(r"[\s.*^·_]", "", plain))
+    found = quantity.units.get(plain(given))
     if found is None:
         raise FileError(
             f'{place}: units "{given[:40]}" are not known; convert it to {quantity.known}, '

@@ -5,7 +5,6 @@ Units, packing, missing values and the order of dimensions are as the CF convent
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import replace
 from functools import lru_cache
 from typing import TYPE_CHECKING
@@ -14,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from thzcl import files
-from thzcl.air import cf
+from thzcl.air import cf, units
 from thzcl.constituent import File, Grid
 from thzcl.errors import FileError
 
@@ -23,26 +22,6 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 MOST_VALUES = 64_000_000
-
-# By the unit in which values arrive: what other units come to, as factor and offset.
-_UNITS: Mapping[str, Mapping[str, tuple[float, float]]] = {
-    "GHz": {"GHz": (1.0, 0.0), "Hz": (1e-9, 0.0), "MHz": (1e-3, 0.0), "THz": (1e3, 0.0)},
-    "K": {
-        **dict.fromkeys(("K", "kelvin", "Kelvin"), (1.0, 0.0)),
-        **dict.fromkeys(("degC", "celsius", "Celsius"), (1.0, 273.15)),
-    },
-    "hPa": {
-        **dict.fromkeys(("hPa", "mbar", "millibar", "mb"), (1.0, 0.0)),
-        "Pa": (1e-2, 0.0),
-        "kPa": (10.0, 0.0),
-    },
-    "1/m": {
-        **dict.fromkeys(("1/m", "m-1"), (1.0, 0.0)),
-        **dict.fromkeys(("1/km", "km-1"), (1e-3, 0.0)),
-        **dict.fromkeys(("1/cm", "cm-1"), (100.0, 0.0)),
-        **dict.fromkeys(("dB/km", "dBkm-1"), (np.log(10.0) / 1e4, 0.0)),
-    },
-}
 
 
 @lru_cache(maxsize=8)  # by path and digest: planned and run, the same file is read once
@@ -116,5 +95,6 @@ def _attribute(place: str, opened: h5py.File, variable: h5py.Dataset, name: str)
 
 
 def _quantity(name: str, unit: str, limits: tuple[float, float]) -> cf.Quantity:
-    units = _UNITS.get(unit, {unit: (1.0, 0.0)})
-    return cf.Quantity(name, unit, units, ", ".join(units), *limits)
+    if unit not in units.UNITS:  # a third party's own
+        return cf.Quantity(name, unit, {unit: (1.0, 0.0)}, unit, *limits)
+    return cf.Quantity(name, unit, units.UNITS[unit], units.listed(units.UNITS[unit]), *limits)

@@ -9,10 +9,9 @@ import re
 from collections.abc import Sequence
 from typing import NamedTuple
 
+from thzcl.air.units import UNITS, listed, plain
 from thzcl.errors import RecordError
 
-GRAMS_PER_MILLIMOLE = 0.01801528  # of water, CODATA
-KELVIN = 273.15
 BY_SIZE = "?"  # a unit that only the size of the values can tell
 
 
@@ -39,31 +38,10 @@ class Column(NamedTuple):
     assumed: str = ""  # the unit, or BY_SIZE, where the file names none
 
 
-_SPEED = {"m/s": (1.0, 0.0), "ms-1": (1.0, 0.0), "cm/s": (0.01, 0.0)}
-_DEGREES = {
-    **dict.fromkeys(("c", "degc", "celsius", "degreec", "degreecelsius", "oc"), (1.0, KELVIN)),
-    **dict.fromkeys(("k", "degk", "kelvin"), (1.0, 0.0)),
-}
-_GRAMS = {
-    **dict.fromkeys(("g/m3", "gm-3"), (1.0, 0.0)),
-    **dict.fromkeys(("mg/m3", "mgm-3"), (1e-3, 0.0)),
-    **dict.fromkeys(("kg/m3", "kgm-3"), (1e3, 0.0)),
-    **dict.fromkeys(("mmol/m3", "mmolm-3"), (GRAMS_PER_MILLIMOLE, 0.0)),
-    **dict.fromkeys(("mol/m3", "molm-3"), (1e3 * GRAMS_PER_MILLIMOLE, 0.0)),
-}
-_HECTOPASCALS = {
-    "hpa": (1.0, 0.0),
-    "mbar": (1.0, 0.0),
-    "mb": (1.0, 0.0),
-    "kpa": (10.0, 0.0),
-    "pa": (0.01, 0.0),
-    **dict.fromkeys(("mmhg", "torr"), (1013.25 / 760, 0.0)),
-}
-_SECONDS = {
-    **dict.fromkeys(("s", "sec", "seconds", "ts", "second"), (1.0, 0.0)),
-    "ms": (1e-3, 0.0),
-    "ns": (1e-9, 0.0),
-}
+_SPEED, _DEGREES, _GRAMS, _HECTOPASCALS, _SECONDS = (
+    {name.lower(): worth for name, worth in UNITS[unit].items()}
+    for unit in ("m/s", "K", "g/m3", "hPa", "s")
+)
 
 ROLES = {
     "time": Role(
@@ -183,20 +161,17 @@ def _column(role: str, at: int, name: str, unit: str, place: str) -> Column:
         return Column(at, name, *known.get(assumed, (1.0, 0.0)), assumed=assumed or BY_SIZE)
     if _unit(unit) not in known:
         raise RecordError(
-            f'{place}: column {name}: unknown unit "{unit}"; expected one of {", ".join(known)}'
+            f'{place}: column {name}: unknown unit "{unit}"; expected one of {listed(known)}'
         )
     return Column(at, name, *known[_unit(unit)])
 
 
 def _unit(text: str) -> str:
-    """Returns a unit as ROLES spells it; "g m^-3", "g/m³" and "g/m^3" are all "g/m3"."""
-    plain = text.lower().translate(str.maketrans("³⁻²¹", "3-21", " ^*·.°_\ufffd"))
-    return {
-        "gm3": "g/m3",
-        "mmolm3": "mmol/m3",
-        "mgm3": "mg/m3",
-        "ms": "m/s" if "_" in text else "ms",
-    }.get(plain, plain)
+    """Returns a unit as ROLES spells it, in lower case; g_m_3 and g/m3 are the same."""
+    short = plain(text).lower()
+    if short == "ms" and "_" in text:
+        return "m/s"
+    return re.sub(r"^(m?g|kg|m?mol)m3$", r"\1/m3", short)
 
 
 _BRACKETS = re.compile(r"^(.*?)[\s_]*[(\[]([^)\]]*)[)\]]\s*$")

@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 
 from thzcl import pipeline
 from thzcl.air import humidity
+from thzcl.air.units import KELVIN
 from thzcl.device.choose import open_device
 from thzcl.errors import RecordError
 from thzcl.files import write_whole
 from thzcl.graph import evaluate
-from thzcl.records.columns import KELVIN
 from thzcl.records.record import SONIC_HUMIDITY
 
 Array = NDArray[np.float64]

@@ -1,4 +1,7 @@
-"""The result file: NetCDF-4 after the CF conventions. All names in it are defined here."""
+"""The result file: NetCDF-4 after the CF conventions.
+
+thzcl.sensor.RESERVED_NAMES lists the names of its variables and dimensions.
+"""
 
 from __future__ import annotations
 
@@ -16,21 +19,6 @@ from thzcl.sensor import Echoes, Image, Radiances
 PLANE = ("y", "x")
 SPECTRAL = ("frequency", *PLANE)
 VOXELS = ("z_voxel", "y_voxel", "x_voxel")
-COORDINATES = ("variant", "frequency", "variant_frequency", *PLANE, "y_angle", "x_angle")
-VARIABLES = (
-    "radiance",
-    "brightness_temperature",
-    "brightness_temperature_contrast",
-    "optical_depth",
-    "path_length",
-    "target",
-    "image",
-    "image_difference",
-    "image_variance",  # this and the next are over the realisations of an ensemble
-    "image_spread",
-    "absolute_humidity",
-    "air_temperature",
-)
 
 
 class Variable(NamedTuple):
@@ -39,14 +27,6 @@ class Variable(NamedTuple):
     dims: tuple[str, ...]
     values: Array
     attrs: dict[str, Any]
-
-
-def reserved_names() -> frozenset[str]:
-    """Returns the names of thzcl's own variables, coordinates and dimensions.
-
-    A sensor's layer must not take one of them.
-    """
-    return frozenset((*COORDINATES, *VARIABLES, *VOXELS))
 
 
 def write(result: Contents, path: Path) -> None:

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from thzcl.air.cf import Array, Quantity, dimension, text, values_of
+from thzcl.air.units import UNITS, plain
 from thzcl.errors import FileError
 
 if TYPE_CHECKING:
@@ -22,10 +23,6 @@ UNEVEN = 0.01  # of a step, by which steps of a coordinate may differ
 _AXIS = re.compile(r"([xyz])[a-z]?\d*(_.*)?")  # x, xt, x_voxel, zu_3d
 _NAMELESS = re.compile(r"((phony_)?dim_?\d+)?")  # what libraries call a dimension without a name
 _BARE_DIMENSION = "This is a netCDF dimension but not a netCDF variable"
-_METRES = {
-    **dict.fromkeys(("m", "metre", "metres", "meter", "meters"), 1.0),
-    **dict.fromkeys(("km", "kilometre", "kilometres", "kilometer", "kilometers"), 1e3),
-}
 
 
 class Volume(NamedTuple):
@@ -83,7 +80,8 @@ def _step(place: str, variable: h5py.Dataset, axis: int) -> tuple[float, float |
     if scale.shape != (variable.shape[axis],) or scale.dtype.kind not in "fiu":
         raise FileError(f"{place}: its coordinate {name} is not a row of numbers; mend or drop it")
     unit = text(scale, "units")
-    if unit not in ("", "1", *_METRES):
+    metre = UNITS["m"].get(plain(unit))
+    if metre is None and unit not in ("", "1"):
         raise FileError(f'{place}: its coordinate {name} is in "{unit}"; give it in m')
     along = np.asarray(scale[...])
     steps = np.diff(along.astype(np.float64))
@@ -94,4 +92,4 @@ def _step(place: str, variable: h5py.Dataset, axis: int) -> tuple[float, float |
             f"{place}: its coordinate {name} has steps of {steps.min():g} to {steps.max():g}; "
             "interpolate to even steps"
         )
-    return (-mean if text(scale, "positive") == "down" else mean), _METRES.get(unit)
+    return (-mean if text(scale, "positive") == "down" else mean), metre and metre[0]

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from thzcl.air.cf import Quantity, dataset, number
+from thzcl.air.units import UNITS
 from thzcl.errors import FileError
 from thzcl.files import CUBE, digest, open_netcdf
 from thzcl.turbulence import cf, orientation
@@ -36,14 +37,7 @@ MOST_RATIO = 1e4
 HUMIDITY = Quantity(
     "absolute_humidity",
     "g/m3",
-    {
-        mass + volume: (factor, 0.0)
-        for mass, factor in (
-            *(("g", 1.0), ("gram", 1.0), ("grams", 1.0)),
-            *(("kg", 1e3), ("mg", 1e-3), ("ug", 1e-6), ("\N{GREEK SMALL LETTER MU}g", 1e-6)),
-        )
-        for volume in ("m-3", "/m3")
-    },
+    UNITS["g/m3"],
     "g m-3, kg m-3, mg m-3 or ug m-3",
     0.0,
     4334.0,  # 2000 hPa of vapour at 100 K, as far as the keys of [atmosphere] go
@@ -51,16 +45,7 @@ HUMIDITY = Quantity(
 TEMPERATURE = Quantity(
     "air_temperature",
     "K",
-    {
-        **dict.fromkeys(("K", "kelvin", "Kelvin", "kelvins", "degK", "degreeK"), (1.0, 0.0)),
-        **dict.fromkeys(
-            (
-                *("C", "°C", "degC", "degc", "degreeC", "degreesC", "celsius", "Celsius"),
-                *("degreeCelsius", "degreesCelsius", "degreescelsius"),
-            ),
-            (1.0, 273.15),
-        ),
-    },
+    UNITS["K"],
     "K or degC",
     100.0,  # the limits of the key temperature_k
     400.0,
