@@ -5,6 +5,8 @@ from __future__ import annotations
 import csv
 import json
 import os
+from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -15,7 +17,7 @@ from thzcl.errors import ScenarioError
 from thzcl.graph import evaluate
 from thzcl.studies.convergence.knobs import KNOBS
 from thzcl.studies.convergence.specs import CoarseSpec
-from thzcl.studies.convergence.study import Point, default_over_front, front, study
+from thzcl.studies.convergence.study import Point, _identity, default_over_front, front, study
 from thzcl.studies.convergence.subject import Subject, errors
 
 BAND = {"kind": "passive-broadband", "center_ghz": 650.0, "bandwidth_ghz": 60.0}
@@ -117,6 +119,33 @@ def test_an_interrupted_study_goes_on(tmp_path):
     changed = []
     studied(tmp_path, scene(ground__temperature_k=280.0), ["surrogate"], progress=changed.append)
     assert len(changed) == 8  # another scene: nothing of the first holds
+
+
+def test_a_study_without_a_seed_is_of_one_air_and_goes_on(tmp_path):
+    """Every setting sees the same realisation, and the next command too."""
+    seedless = scene(atmosphere__fluctuations__seed=None)
+    found = studied(tmp_path, seedless, ["arithmetic"])
+    assert found["seed"] == 1
+    assert by_setting(found, "arithmetic")["float32"] < 5e-7
+    started = []
+    assert studied(tmp_path, seedless, ["arithmetic"], progress=started.append)["points"]
+    assert started == []
+
+
+def test_a_file_that_changed_begins_a_study_again(tmp_path):
+    """It is known by its bytes; and points of another driver do not stand with these."""
+    board = {"kind": "billboard", "center_m": [25.0, 7.0, 2.0], "size_m": [3.0, 3.0]}
+    board |= {"facing_deg": 180.0, "image": "a.npy", "quantity": "temperature"}
+    data, started = scene(targets={"board": board}), []
+    for kelvin in (300.0, 300.0, 310.0):
+        np.save(tmp_path / "a.npy", np.full((4, 4), kelvin))
+        started.append([])
+        studied(tmp_path, data, ["arithmetic"], progress=started[-1].append)
+    assert [len(one) for one in started] == [2, 0, 2]
+    subject = subject_of(tmp_path, data)
+    info = replace(subject.device.info, driver="another")
+    device = SimpleNamespace(info=info)
+    assert _identity(subject, 1) != _identity(replace(subject, device=device), 1)
 
 
 def test_the_front_and_the_default_on_it():

@@ -37,13 +37,15 @@ def prepare(
     variants: Sequence[str] = (),
     *,
     allow_outside: bool = False,
+    seed: int | None = None,
 ) -> Plan:
     """Returns the plan of a scenario, which is read and checked.
 
-    `source`, `settings`, `variants` and `allow_outside` are those of `run`. Raises ScenarioError
-    with every problem at once, or PluginFailure if a sensor fails.
+    `source`, `settings`, `variants` and `allow_outside` are those of `run`; `seed` is that of
+    fluctuations which name none, in place of one that is drawn. Raises ScenarioError with every
+    problem at once, or PluginFailure if a sensor fails.
     """
-    document = documents.read(source, settings)
+    document = documents.read(source, settings, seed)
     parsed = documents.parse(document, variants, allow_outside=allow_outside)
     plan = make_plan(parsed)
     checks.together(document, plan)

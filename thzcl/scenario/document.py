@@ -118,10 +118,13 @@ class Document:
         )
 
 
-def read(source: str | Path, settings: Mapping[str, Any] | None = None) -> Document:
+def read(
+    source: str | Path, settings: Mapping[str, Any] | None = None, seed: int | None = None
+) -> Document:
     """Reads a scenario: a path to TOML or to a result, or the bare name of a shipped scene.
 
-    `settings` maps dotted keys to values; None removes a key. Raises ScenarioError if there is no
+    `settings` maps dotted keys to values; None removes a key. `seed` is that of fluctuations which
+    name none; if it is None too, one is drawn. Raises ScenarioError if there is no
     such file, it is not TOML, or a setting cannot be made.
     """
     path = find(source)
@@ -130,21 +133,20 @@ def read(source: str | Path, settings: Mapping[str, Any] | None = None) -> Docum
     reasons = {name: _change(data, name, value) for name, value in (settings or {}).items()}
     if any(reasons.values()):
         raise ScenarioError([f"--set {name}: {why}" for name, why in reasons.items() if why])
-    _draw_seeds(data)
+    _fill_seeds(data, secrets.randbits(32) if seed is None else seed)
     changed = frozenset(map(_split, reasons))
     name = path.stem.encode("utf-8", "surrogateescape").decode("utf-8", "replace")
     return Document(name, str(path), folder, data, line_numbers(text), changed, made)
 
 
-def _draw_seeds(data: dict[str, Any]) -> None:
+def _fill_seeds(data: dict[str, Any], seed: int) -> None:
     """Gives fluctuations without a seed one, so that every run can be repeated from its record.
 
     Variants that bring fluctuations of their own without a seed get the same one, as a key that
     they set: images of one scene show one realisation of the air.
     """
-    drawn = secrets.randbits(32)
     if _lacks_seed(data):
-        data["atmosphere"]["fluctuations"]["seed"] = drawn
+        data["atmosphere"]["fluctuations"]["seed"] = seed
     entries = data.get("variants", ())
     for entry in entries if isinstance(entries, list | tuple) else ():
         changes = entry.get("set") if isinstance(entry, dict) else None
@@ -152,7 +154,7 @@ def _draw_seeds(data: dict[str, Any]) -> None:
             air = {"atmosphere": deepcopy(data.get("atmosphere", {}))}
             _change_all(air, deepcopy(changes))
             if _lacks_seed(air):
-                changes["atmosphere.fluctuations.seed"] = drawn
+                changes["atmosphere.fluctuations.seed"] = seed
 
 
 def _lacks_seed(data: Any) -> bool:

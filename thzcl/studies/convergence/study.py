@@ -9,7 +9,8 @@ import csv
 import hashlib
 import json
 import platform
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from statistics import median
@@ -17,12 +18,15 @@ from typing import Any
 
 from thzcl.clock import Clock
 from thzcl.errors import FileError, ScenarioError
-from thzcl.files import Kind, read_text, write_whole
+from thzcl.files import CUBE, Kind, digest, read_text, write_whole
 from thzcl.results.versions import VERSION
+from thzcl.scenario.document import Scenario
+from thzcl.scenario.text import load
 from thzcl.studies.convergence.knobs import KNOBS, Knob, MeaninglessError, Setting
 from thzcl.studies.convergence.subject import Subject, errors
 
 Progress = Callable[[str], None]
+_NAMED = CUBE  # files that scenarios name are no larger
 _EARLIER = Kind(64_000_000, "give another folder")  # a study of the same name
 
 
@@ -62,6 +66,7 @@ def study(
         "identity": _identity(subject, repeat),
         "device": subject.device.info.description,
         "machine": platform.machine(),
+        "seed": subject.plan.scenario.seed,
         "repeat": repeat,
         "thzcl": VERSION,
     }
@@ -127,13 +132,26 @@ def _identity(subject: Subject, repeat: int) -> str:
     scenario = subject.plan.scenario
     parts = [
         scenario.text,
+        [digest(path, _NAMED) for path in _files(load(scenario.text, scenario.name), scenario)],
         sorted(subject.settings.items()),
         list(subject.variants),
-        subject.device.info.name,
+        subject.device.info.description,
         repeat,
         VERSION,
     ]
     return hashlib.sha256(json.dumps(parts, default=str).encode()).hexdigest()[:16]
+
+
+def _files(value: Any, scenario: Scenario) -> Iterator[Path]:
+    """Yields the files that a scenario's data name, in the order of the data."""
+    if isinstance(value, dict | list):
+        for part in value.values() if isinstance(value, dict) else value:
+            yield from _files(part, scenario)
+    elif isinstance(value, str):
+        with suppress(OSError, ValueError):  # a text that is no name of a file
+            path = scenario.folder / value
+            if path.is_file():
+                yield path
 
 
 def _known(path: Path, identity: Any) -> list[Point]:
