@@ -5,9 +5,12 @@ Expectations are plain geometry in float64, or the oracle's list of crossings.
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import oracle
 import pytest
+from conftest import ROOT
 from kernel_functions import PACKETS, Setting, evaluate
 
 packets = pytest.mark.parametrize("setting", PACKETS, ids=str)
@@ -217,3 +220,16 @@ def test_a_cell_shows_one_thing_if_its_corners_do(device, setting):
         assert shortest[ray] == pytest.approx(far.max() / 1.1, rel=4 * setting.eps)
         assert longest[ray] == pytest.approx(far.min() / 0.9, rel=4 * setting.eps)
     assert {-1, 5} <= set(thing)
+
+
+def test_offsets_of_whole_planes_of_rays_do_not_overflow():
+    """Nine moments of 16384 x 16384 rays are more than an int counts; no test has the memory."""
+    planes = re.compile(r"(\(size_t\))?\b\w+ \* (padded|all|lattice|row)\b(?! \*)")
+    found = {
+        (path.name, match[0]): match[1] is not None
+        for path in (ROOT / "kernels").glob("*/*.cl")
+        for line in path.read_text(encoding="utf-8").splitlines()
+        for match in planes.finditer(line.partition("//")[0])
+    }
+    assert len(found) >= 9
+    assert [place for place, wide in found.items() if not wide] == []

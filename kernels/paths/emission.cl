@@ -120,8 +120,8 @@ __kernel void emission(__global const real *restrict delta, __global const real 
     UNROLLED
     for (int f = 0; f < FREQUENCIES; ++f) {
         const reals source = surface_value(&from, first_ray, FREQUENCIES, f);
-        STORE(depth[f], depth_out + f * padded + first_ray);
-        STORE(contrast[f] + EXP(-depth[f]) * source, contrast_out + f * padded + first_ray);
+        STORE(depth[f], depth_out + (size_t)f * padded + first_ray);
+        STORE(contrast[f] + EXP(-depth[f]) * source, contrast_out + (size_t)f * padded + first_ray);
     }
     segments[packet] = march_count(crossed, first_ray, count);
 }

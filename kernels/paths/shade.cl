@@ -48,7 +48,7 @@ __kernel void shade(__global const real *restrict path_length,
     const reals length = LOAD(path_length + first_ray);
     reals m[MOMENTS + 1];
     UNROLLED
-    for (int k = 0; k < MOMENTS; ++k) m[k] = LOAD(moments + first_ray + k * padded);
+    for (int k = 0; k < MOMENTS; ++k) m[k] = LOAD(moments + first_ray + (size_t)k * padded);
     const int alike = all_alike(surface, first_ray);
     __global const real *sent = emitted + surface[first_ray] * frequencies;
     const sources from = {emitted, surface, blend, cosine, elevation, mirror, reflectivity, seen};
@@ -89,7 +89,7 @@ __kernel void shade_bands(__global const real *restrict path_length,
     const reals length = LOAD(path_length + first_ray);
     reals m[MOMENTS + 1];
     UNROLLED
-    for (int k = 0; k < MOMENTS; ++k) m[k] = LOAD(moments + first_ray + k * padded);
+    for (int k = 0; k < MOMENTS; ++k) m[k] = LOAD(moments + first_ray + (size_t)k * padded);
     for (int b = 0; b < BANDS; ++b) {
         __global const real *table = emitted + b * surfaces * frequencies,
                             *row = table + surface[first_ray] * frequencies;
@@ -110,8 +110,8 @@ __kernel void shade_bands(__global const real *restrict path_length,
         }
         // Of `left` and `lost` the smaller has the digits: where little is left, 1 - lost has none.
         STORE(least - (lost < (real)0.5 ? log1p(-lost) : log(left)),
-              depth + b * padded + first_ray);
-        STORE(above * exp(-least), contrast + b * padded + first_ray);
+              depth + (size_t)b * padded + first_ray);
+        STORE(above * exp(-least), contrast + (size_t)b * padded + first_ray);
     }
 }
 #endif

@@ -48,5 +48,5 @@ __kernel void steps(__global const real *restrict delta, __constant frame *cube,
         }
     }
     const reals scale = LOAD(metres);
-    for (int k = 0; k < MOMENTS; ++k) STORE(m[k] * scale, moments + k * padded + first);
+    for (int k = 0; k < MOMENTS; ++k) STORE(m[k] * scale, moments + (size_t)k * padded + first);
 }

@@ -132,10 +132,10 @@ __kernel void spread(int width, int height, int stride, __global const char *res
     STORE(part, left_of);
     UNROLLED
     for (int m = 0; m < MOMENTS; ++m) {
-        __global const real *mean = means + m * lattice;
+        __global const real *mean = means + (size_t)m * lattice;
         const reals above = GATHER(mean, i) + x * (GATHER(mean, j) - GATHER(mean, i));
         const reals below = GATHER(mean, k) + x * (GATHER(mean, l) - GATHER(mean, k));
-        STORE(length * (above + y * (below - above)), moments + m * all + first);
+        STORE(length * (above + y * (below - above)), moments + (size_t)m * all + first);
     }
     for (int lane = 0; lane < LANES; ++lane) {
         const int ray = first + lane;
@@ -148,7 +148,7 @@ __kernel void spread(int width, int height, int stride, __global const char *res
         } else {
             UNROLLED
             for (int m = 0; m < MOMENTS; ++m)
-                moments[m * all + ray] = traced[m * padded + slot[ray]];
+                moments[(size_t)m * all + ray] = traced[(size_t)m * padded + slot[ray]];
         }
     }
 }

@@ -59,7 +59,8 @@ __kernel void trace(__global const real *restrict delta, __constant frame *cube,
 #endif
     }
     UNROLLED
-    for (int k = 0; k < MOMENTS; ++k) STORE(m[k] * ray.metres, moments + k * padded + first);
+    for (int k = 0; k < MOMENTS; ++k)
+        STORE(m[k] * ray.metres, moments + (size_t)k * padded + first);
 #ifdef CUTOFF
     march_record_ends(&ray, ended, picked, count, first, path_length, surface);
 #endif
