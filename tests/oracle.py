@@ -1,6 +1,7 @@
-"""Slow float64 twins of everything that thzcl computes, written for clarity.
+"""Slow float64 twins of air, cubes, rays, boxes and what reaches the camera, written for clarity.
 
-They share no code with the package. Sources: Liebe, Hufford and Cotton (1993), ITU-R P.676-13 and
+They share no code with the package, and leave bands, optics, billboards and echoes to tests of
+their own. Sources: Liebe, Hufford and Cotton (1993), ITU-R P.676-13 and
 Rosenkranz (2024, doi:10.21982/M81013) for absorption; Planck's law; O'Brien and Tofsted's equation
 (2) for the radiance at the camera; plain geometry for the rest.
 """

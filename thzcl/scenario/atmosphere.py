@@ -1,4 +1,4 @@
-"""The air of a scene: its mean state, and how it fluctuates. Keys carry their unit."""
+"""The air of a scene: its mean state, and how it fluctuates."""
 
 from __future__ import annotations
 

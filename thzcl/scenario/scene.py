@@ -1,6 +1,6 @@
 """A scene: camera, ground, targets and background, as the tables of a scenario give them.
 
-Keys carry their unit.
+Every key says its unit, most in their names.
 """
 
 from __future__ import annotations
