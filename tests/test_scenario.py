@@ -310,7 +310,6 @@ def test_fluctuations_that_lack_a_seed_are_never_taken_for_still_air():
 FLOW = "atmosphere.fluctuations"
 SCAN = {"kind": "raster-scan", "detector": PLAIN["sensor"], "timing": "focal-plane"}
 IDLE = {
-    "scale": ({FLOW + ".outer_scale_m": 9.0}, 'used by spectrum = "von-karman" only; remove it'),
     "correlation": (
         {FLOW + ".correlation_tq": 0.5},
         "is used with temperature_sigma_k or structure_constant_t only; remove it, or give that",
@@ -338,9 +337,10 @@ IDLE = {
 
 
 @pytest.mark.parametrize("name", IDLE)
-def test_a_key_that_no_variant_uses_is_refused(tmp_path, name):
+def test_a_key_that_no_variant_uses_is_told(tmp_path, name):
     keys, words = IDLE[name]
-    (line,) = problems(write(tmp_path, PLAIN), keys)
+    scenario = document.parse(document.read(write(tmp_path, PLAIN), keys))
+    (line,) = scenario.idle
     assert words in line
 
 
@@ -348,11 +348,13 @@ def test_a_key_that_one_variant_uses_stands_for_all(tmp_path):
     own = {"sensor.spreading": "lambert"}
     variants = [{"name": "even", "set": own}, {"name": "mirror", "set": {}}]
     data = scene(sensor=ACTIVE | {"aperture_m": 0.1}, variants=variants)
-    assert pipeline.prepare(write(tmp_path, data))
-    assert pipeline.prepare(write(tmp_path, data), variants=["mirror"])
+    assert not pipeline.prepare(write(tmp_path, data)).scenario.idle
+    assert not pipeline.prepare(write(tmp_path, data), variants=["mirror"]).scenario.idle
     data["variants"][0]["set"] = {}
-    (line,) = problems(write(tmp_path, data))
+    plan = pipeline.prepare(write(tmp_path, data))
+    (line,) = plan.scenario.idle
     assert "aperture_m: is used by spreading" in line
+    assert line in report.warnings(plan, report.planned_errors(plan))
 
 
 def test_wind_that_moves_nothing_is_told(tmp_path):

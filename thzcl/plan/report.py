@@ -108,7 +108,8 @@ def warnings(plan: Plan, errors: Iterable[float]) -> list[str]:
 
     `errors` are those of the variants' expansions, relative to the mean air's absorption.
     """
-    found = [note for variant in plan.variants for note in _extrapolations(variant)]
+    found = list(plan.scenario.idle)
+    found += [note for variant in plan.variants for note in _extrapolations(variant)]
     found += [*_periods(plan), *_continued(plan), *_idle_wind(plan)]
     for variant, error in zip(plan.variants, errors, strict=True):
         humidity = variant.scene.atmosphere.air.relative_humidity_percent

@@ -24,7 +24,6 @@ class Fluctuations(Table):
         ("temperature_sigma_k", "structure_constant_t"),
     )
     used_by: ClassVar = {
-        "outer_scale_m": User(("spectrum",), ("von-karman",)),
         "distribution": User(("spectrum",), ("kolmogorov", "von-karman", "table")),
         "grid": User(("spectrum",), ("kolmogorov", "von-karman", "table")),
         "correlation_tq": User(("temperature_sigma_k", "structure_constant_t")),
@@ -92,6 +91,9 @@ class Fluctuations(Table):
             found.append(self.trouble("grid", text))
         if self.spectrum == "von-karman" and self.outer_scale_m is None:
             found.append(Trouble((), 'spectrum = "von-karman" needs outer_scale_m'))
+        if self.spectrum != "von-karman" and self.outer_scale_m is not None:
+            text = 'is used by spectrum = "von-karman" only; remove it or change spectrum'
+            found.append(self.trouble("outer_scale_m", text))
         if (self.spectrum in ("file", "table")) != (self.file is not None):
             text = 'spectrum = "file" or "table" and file = "..." go together'
             found.append(self.trouble("spectrum", text))

@@ -44,6 +44,7 @@ class Scenario:
     text: str
     variants: tuple[Variant, ...]
     allow_outside: bool = False  # whether its pictures and tables may lie outside the folder
+    idle: tuple[str, ...] = ()  # keys that are given and do nothing, a line each
 
     def locate(self, name: str) -> Path:
         """Returns the path of a picture or table that the scenario names.
@@ -192,13 +193,12 @@ def parse(
         if scene is not None:
             variants.append(Variant(entry.name, scene, entry.name if entries else ""))
     troubles += _of_difference(base, known)
-    if not (troubles or names):  # of a choice of variants, those left out may use a key
-        troubles = _unused(variants)
     if troubles or unknown:
         raise ScenarioError([*unknown, *document.problems(troubles)])
-    return Scenario(
-        document.name, document.folder, dumps(document.data), tuple(variants), allow_outside
-    )
+    # Of a choice of variants, those left out may use a key.
+    idle = () if names else tuple(document.problems(_unused(variants)))
+    text = dumps(document.data)
+    return Scenario(document.name, document.folder, text, tuple(variants), allow_outside, idle)
 
 
 def _unused(variants: Sequence[Variant]) -> list[Trouble]:

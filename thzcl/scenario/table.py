@@ -57,7 +57,7 @@ class Table(BaseModel):
     # Groups of keys of which exactly one, or at most one, may be given.
     exactly_one: ClassVar[tuple[tuple[str, ...], ...]] = ()
     at_most_one: ClassVar[tuple[tuple[str, ...], ...]] = ()
-    # Keys that only others make use of. One that no variant of a scenario uses is refused.
+    # Keys that only others make use of. One that no variant of a scenario uses is told of.
     used_by: ClassVar[Mapping[str, User]] = {}
 
     def troubles(self) -> list[Trouble]:
