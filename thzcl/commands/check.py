@@ -13,10 +13,9 @@ def check(
 ) -> None:
     """Validate a scenario, and report every problem at once."""
     from thzcl import pipeline
-    from thzcl.commands.terminal import note
 
     plan = pipeline.prepare(scenario, changes(settings), variant or (), allow_outside=allow_outside)
     images = len(plan.variants)
     for line in plan.scenario.idle:
-        note(f"note: {line}")
+        print(f"note: {line}")
     print(f"{plan.scenario.name}: sound, {images} image{'s' * (images > 1)}")
