@@ -145,7 +145,10 @@ BOARD = {
     "range": [280.0, 310.0],
     "reflectivity": 0.3,
 }
-SCAN = {"kind": "raster", "line_rate_hz": 20.0}
+OPTICS = {"aperture_m": 0.1, "pixel": False}
+SPECTRAL = {"kind": "passive-spectral", "frequency_ghz": 650.0}
+SCAN = {"kind": "raster-scan", "dwell_s": 0.01, "detector": SPECTRAL}
+BLURRED_SCAN = SCAN | {"detector": SPECTRAL | {"optics": OPTICS}}
 PAIRS = {
     "even air": {"atmosphere": MOIST},
     "turbulent air": {"atmosphere": STILL},
@@ -165,6 +168,12 @@ PAIRS = {
     "a band in warm air": {"atmosphere": WARM, "sensor": BROAD},
     "float64": {"numerics": {"precision": "float64"}},
     "samples": {"camera__samples_per_pixel": 4},
+    "a scan": {"sensor": SCAN, "atmosphere": DRIFTING},
+    "a scan in warm air": {"sensor": SCAN, "atmosphere": WARM},
+    "optics": {"sensor": SPECTRAL | {"optics": OPTICS}},
+    "a scan through optics": {"sensor": BLURRED_SCAN, "atmosphere": DRIFTING},
+    "a tolerance": {"numerics": {"tolerance": 1e-3}},
+    "realisations": {"numerics": {"realizations": 2}},
     "a stride": {"camera__pixels": [64, 48], "numerics": {"ray_stride": 2}},
     "echoes": {"sensor": ACTIVE},
     "echoes in warm air": {"atmosphere": WARM, "sensor": ACTIVE},

@@ -11,6 +11,7 @@ import tomli
 from scenes import ACTIVE, BROAD, DRIFTING, PLAIN, scene, write
 
 from thzcl import pipeline
+from thzcl.__main__ import main
 from thzcl.errors import ScenarioError
 from thzcl.plan import report
 from thzcl.scenario import document, manual
@@ -344,7 +345,7 @@ def test_a_key_that_no_variant_uses_is_told(tmp_path, name):
     assert words in line
 
 
-def test_a_key_that_one_variant_uses_stands_for_all(tmp_path):
+def test_a_key_that_one_variant_uses_stands_for_all(tmp_path, capsys):
     own = {"sensor.spreading": "lambert"}
     variants = [{"name": "even", "set": own}, {"name": "mirror", "set": {}}]
     data = scene(sensor=ACTIVE | {"aperture_m": 0.1}, variants=variants)
@@ -355,6 +356,8 @@ def test_a_key_that_one_variant_uses_stands_for_all(tmp_path):
     (line,) = plan.scenario.idle
     assert "aperture_m: is used by spreading" in line
     assert line in report.warnings(plan, report.planned_errors(plan))
+    main(["check", str(tmp_path / "scene.toml")])
+    assert f"note: {line}\n" in capsys.readouterr().out
 
 
 def test_wind_that_moves_nothing_is_told(tmp_path):

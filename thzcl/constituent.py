@@ -265,12 +265,13 @@ def moist_air(
 
 
 @cache
-def line_table(path: Path) -> Array:
+def line_table(module: str, name: str) -> Array:
     """Returns the numbers of a CSV file, (line, column); its comments and header are skipped.
 
-    A comment begins with "#", and the first line that is none is the header.
+    The file of that name lies beside `module`, which is a constituent's own __file__. A comment
+    begins with "#", and the first line that is none is the header.
     """
-    text = path.read_text(encoding="utf-8")
+    text = Path(module).with_name(name).read_text(encoding="utf-8")
     rows = [line for line in text.splitlines() if line and not line.startswith("#")][1:]
     return np.array([[float(cell) for cell in row.split(",")] for row in rows])
 

@@ -10,11 +10,11 @@ __kernel void copy(__global const float *restrict from, __global float *restrict
     STORE(LOAD(from + at), to + at);
 }
 
-// The reads of a trace without its arithmetic, by the same instruction: `count` voxels for every ray, from a cube of
-// 2^log2_voxels. `cell` holds the voxel's number in its uppermost bits, so that it wraps at the
-// cube's end by itself. With a factor of 1 the rays go straight, `abreast` neighbours through the
-// same voxels, as those of a camera do; with the factor of a random number generator they go
-// anywhere.
+// The reads of a trace without its arithmetic, by the same instruction: `count` voxels for every
+// ray, from a cube of 2^log2_voxels. `cell` holds the voxel's number in its uppermost bits, so that
+// it wraps at the cube's end by itself. With a factor of 1 the rays go straight, `abreast`
+// neighbours through the same voxels, as those of a camera do; with the factor of a random number
+// generator they go anywhere.
 __kernel void gather(__global const real *restrict cube, int log2_voxels, int abreast, uint factor,
                      uint step, int count, __global real *restrict out)
 {

@@ -37,8 +37,8 @@ static inline void take_in(reals *depth, reals *rest, reals *latest)
 
 // `coefficients` (FREQUENCIES, HUMIDITY_POWERS, TEMPERATURE_POWERS) are per metre; `planck`
 // (FREQUENCIES, PLANCK_POWERS) is B(T) - B(T_mean) in powers of T - T_mean; `emitted` (surface,
-// FREQUENCIES) and what follows it, as in source.cl, are relative to B(T_mean). Writes optical depth
-// and radiance above the mean air's, both (FREQUENCIES, ray).
+// FREQUENCIES) and what follows it, as in source.cl, are relative to B(T_mean). Writes optical
+// depth and radiance above the mean air's, both (FREQUENCIES, ray).
 __kernel void emission(__global const real *restrict delta, __global const real *restrict offset,
                        __constant frame *cube, int width, int height, int log2n,
                        __global const wide *reach, __global const wide *end,

@@ -40,7 +40,8 @@ UNITS: Mapping[str, Mapping[str, Worth]] = {
                 *("celsius", "Celsius", "degreeCelsius", "degreesCelsius"),
                 *("degreecelsius", "degreescelsius"),
             ),
-            *(1.0, KELVIN),
+            1.0,
+            KELVIN,
         ),
     ),
     "hPa": _spelled(

@@ -4,8 +4,8 @@ A twin takes from a run the cube and the ends of rays, and shares nothing else w
 crossings of a ray with voxel faces are listed and sorted, there is no cut-off, and every segment
 emits for itself. For what the air emits, Planck's law is written otherwise than in
 `thzcl.air.radiometry`, so that a mistake in one of the two shows as an error; what surfaces send is
-the run's own. The error budget computes some rays of an image with
-the twin, and `thzcl stress` compares its cases with it.
+the run's own. The error budget computes some rays of an image with the twin, and `thzcl stress`
+compares its cases with it.
 """
 
 from __future__ import annotations

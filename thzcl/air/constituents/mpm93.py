@@ -7,7 +7,6 @@ that paper, as printed, lie beside this file.
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -63,7 +62,7 @@ def attenuation(
 def line_centers_ghz() -> Array:
     """Returns the centre frequencies of all lines of oxygen and water, ascending, GHz."""
     names = ("mpm93_oxygen_lines.csv", "mpm93_water_lines.csv")
-    return np.sort(np.concatenate([_table(name)[:, 0] for name in names]))
+    return np.sort(np.concatenate([line_table(__file__, name)[:, 0] for name in names]))
 
 
 def line_width_ghz(pressure_hpa: float) -> float:
@@ -77,7 +76,9 @@ def line_width_ghz(pressure_hpa: float) -> float:
 def _oxygen(f: Array, theta: Array, p: Array, e: Array, shape: tuple[int, ...]) -> Array:
     """Returns the imaginary refractivity N'' in ppm of oxygen lines and non-resonant spectrum."""
     lines = np.zeros(shape)
-    for f0, a1, a2, a3, a4, a5, a6 in line_blocks(_table("mpm93_oxygen_lines.csv"), shape):
+    for f0, a1, a2, a3, a4, a5, a6 in line_blocks(
+        line_table(__file__, "mpm93_oxygen_lines.csv"), shape
+    ):
         strength = 1e-6 * a1 / f0 * p * theta**3 * np.exp(a2 * (1 - theta))
         width = 1e-3 * a3 * (p * theta ** (0.8 - a4) + 1.1 * e * theta)
         width = np.sqrt(width**2 + (25 * 0.6e-4) ** 2)  # Zeeman splitting
@@ -104,7 +105,9 @@ def _water(
     """Returns the imaginary refractivity N'' in ppm of water-vapour lines and pseudo-line."""
     total = np.zeros(shape)
     thin_air = p + e < 0.7
-    for f0, b1, b2, b3, b4, b5, b6 in line_blocks(_table("mpm93_water_lines.csv"), shape):
+    for f0, b1, b2, b3, b4, b5, b6 in line_blocks(
+        line_table(__file__, "mpm93_water_lines.csv"), shape
+    ):
         strength = b1
         for line, physical in _CORRECTED_STRENGTHS.items() if corrected else ():
             strength = np.where(f0 == line, physical, strength)
@@ -115,11 +118,6 @@ def _water(
         resonances = 1 / ((f0 - f) ** 2 + width**2) + 1 / ((f0 + f) ** 2 + width**2)
         total += np.sum(strength * f * width * resonances, axis=0)
     return total
-
-
-def _table(name: str) -> Array:
-    """Returns the numbers of a line table that lies beside this file, (line, column)."""
-    return line_table(Path(__file__).with_name(name))
 
 
 class MPM93(Constituent):

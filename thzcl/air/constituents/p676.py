@@ -6,7 +6,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -53,7 +52,9 @@ def _oxygen(f: Array, theta: Array, p: Array, e: Array, shape: tuple[int, ...]) 
     larger (P.676-13, equations 2a, 3 and 5 to 7).
     """
     total = np.zeros(shape)
-    for f0, a1, a2, a3, a4, a5, a6 in line_blocks(_table("p676_13_oxygen_lines.csv"), shape):
+    for f0, a1, a2, a3, a4, a5, a6 in line_blocks(
+        line_table(__file__, "p676_13_oxygen_lines.csv"), shape
+    ):
         strength = 1e-7 * a1 * p * theta**3 * np.exp(a2 * (1 - theta))
         width = 1e-4 * a3 * (p * theta ** (0.8 - a4) + 1.1 * e * theta)
         width = np.sqrt(width**2 + 2.25e-6)  # Zeeman splitting
@@ -79,7 +80,9 @@ def _water(f: Array, theta: Array, p: Array, e: Array, shape: tuple[int, ...]) -
     `p` is the pressure of dry air (P.676-13, equations 2b, 3, 5 and 6).
     """
     total = np.zeros(shape)
-    for f0, b1, b2, b3, b4, b5, b6 in line_blocks(_table("p676_13_water_lines.csv"), shape):
+    for f0, b1, b2, b3, b4, b5, b6 in line_blocks(
+        line_table(__file__, "p676_13_water_lines.csv"), shape
+    ):
         strength = 0.1 * b1 * e * theta**3.5 * np.exp(b2 * (1 - theta))
         width = 1e-4 * b3 * (p * theta**b4 + b5 * e * theta**b6)
         # Doppler broadening, at every pressure.
@@ -88,11 +91,6 @@ def _water(f: Array, theta: Array, p: Array, e: Array, shape: tuple[int, ...]) -
         profile += 1 / ((f0 + f) ** 2 + width**2)
         total += np.sum(strength * width / f0 * profile, axis=0)
     return f * total
-
-
-def _table(name: str) -> Array:
-    """Returns the numbers of a line table that lies beside this file, (line, column)."""
-    return line_table(Path(__file__).with_name(name))
 
 
 class P676(Constituent):
@@ -143,7 +141,7 @@ class P676(Constituent):
         """Returns the lines of oxygen and water, and about their half width: 3 MHz/hPa, and 1."""
         del temperature_k, vapour_hpa
         names = ("p676_13_oxygen_lines.csv", "p676_13_water_lines.csv")
-        centers = np.sort(np.concatenate([_table(name)[:, 0] for name in names]))
+        centers = np.sort(np.concatenate([line_table(__file__, name)[:, 0] for name in names]))
         return centers * 1e9, 3e6 * pressure_hpa + 1e6
 
 

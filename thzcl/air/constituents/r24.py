@@ -8,7 +8,6 @@ doi:10.21982/M81013. Its tables of lines and of the self continuum lie beside th
 from __future__ import annotations
 
 from functools import cache
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -86,7 +85,7 @@ def water_lines(f: Array, t: Array, p: Array, e: Array, grams: Array) -> Array:
     """Returns the absorption of `grams` of water per m3 in lines, 1/km; `p` is that of dry air."""
     shape = np.broadcast_shapes(f.shape, t.shape, p.shape)
     total = np.zeros(shape)
-    table = _table("r24_water_lines.csv")
+    table = line_table(__file__, "r24_water_lines.csv")
     for block in line_blocks(table, shape):
         by = _collisions(block, t, p, e)
         strength, square, center = _water_strength(block, t), by.width**2, block[0] + by.shift
@@ -147,7 +146,7 @@ def water_continuum(f: Array, t: Array, p: Array, e: Array) -> Array:
         u / 2 + 2 * u**2 - 1.5 * u**3,
         -(u**2) * (1 - u) / 2,
     )
-    _, strength, exponent = _table("r24_water_self_continuum.csv").T
+    _, strength, exponent = line_table(__file__, "r24_water_self_continuum.csv").T
     own = np.zeros(())
     for offset, weight in enumerate(weights, start=-1):
         node = np.abs(row + offset).astype(np.int64)  # row 1 stands for that before row 0, too
@@ -250,7 +249,7 @@ def _mixing_adjustment(h: Array) -> tuple[Array, Array]:
 @cache
 def _oxygen_table() -> Array:
     """Returns the oxygen lines with a last column that is 1 for those that overlap, else 0."""
-    table = _table("r24_oxygen_lines.csv")
+    table = line_table(__file__, "r24_oxygen_lines.csv")
     overlaps = np.zeros((len(table), 1))
     overlaps[OVERLAPPING] = 1.0
     return np.hstack([table, overlaps])
@@ -279,11 +278,6 @@ def _core(away: Array, width: Array, spread: Array, mixing: Array | float) -> Ar
     change = np.zeros(near.shape)
     change[near] = ((1 + 1j * mixing) * (profile - 1 / lorentz)).real
     return change
-
-
-def _table(name: str) -> Array:
-    """Returns the numbers of a table that lies beside this file, (row, column)."""
-    return line_table(Path(__file__).with_name(name))
 
 
 class Rosenkranz2024(Constituent):
@@ -358,7 +352,7 @@ class Rosenkranz2024(Constituent):
         """Returns the lines of oxygen and water, and about their half width: 3 MHz/hPa."""
         del temperature_k, vapour_hpa
         names = ("r24_oxygen_lines.csv", "r24_water_lines.csv")
-        centers = np.sort(np.concatenate([_table(name)[:, 0] for name in names]))
+        centers = np.sort(np.concatenate([line_table(__file__, name)[:, 0] for name in names]))
         return centers * 1e9, 3e6 * pressure_hpa
 
 
