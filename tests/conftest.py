@@ -16,6 +16,17 @@ _NUMBERS = itertools.count()
 ROOT = Path(__file__).parents[1]
 COMMANDS = {"thzcl_command", "thzcl_json"}  # fixtures that start a process
 sys.path.insert(0, str(Path(__file__).parent))
+_approx = pytest.approx
+
+
+def _relative(expected, rel=None, abs=None, nan_ok=False):  # noqa: A002 (pytest's own name)
+    """pytest.approx without its usual absolute tolerance: 1e-12 would pass any radiance."""
+    if abs is None:
+        rel, abs = 1e-6 if rel is None else rel, 0.0  # noqa: A001
+    return _approx(expected, rel=rel, abs=abs, nan_ok=nan_ok)
+
+
+pytest.approx = _relative
 
 
 @pytest.hookimpl(tryfirst=True)
