@@ -26,7 +26,6 @@ Array = NDArray[np.float64]
 HIGHEST_DEGREE = 16
 STILL_FALLS = 2.0  # no degree is raised to lower the error by less than this factor
 _NODES = 33  # of the uncut series: enough for every line at pressures of 1 hPa and above
-AMONG = _NODES + 1  # points between the nodes, with the ends
 _SAFETY = 1.2  # the error between checked points may be a little larger than at them
 
 
@@ -160,7 +159,7 @@ def _measured(expansion: Expansion, scale: Array) -> float:
     The error is divided by `scale` (frequency, 1, 1) in 1/m.
     """
     delta, offset = (
-        between(span)[index]
+        _between(span)[index]
         for span, index in zip(
             (expansion.humidity_span, expansion.temperature_span),
             (np.s_[:, None], np.s_[None, :]),
@@ -253,7 +252,7 @@ def _scale(air: Air, frequency_hz: Array) -> Array:
     return np.where(mean > 0, mean, 1.0)
 
 
-def between(span: Span) -> Array:
+def _between(span: Span) -> Array:
     """Returns the extremes of T_33 over a span: its two ends, and a point between any two nodes.
 
     For a span of no width it returns the span's one point.
@@ -261,7 +260,7 @@ def between(span: Span) -> Array:
     if span[0] >= span[1]:
         return np.array([span[0]])
     middle, half = (span[0] + span[1]) / 2, (span[1] - span[0]) / 2
-    return np.asarray(middle + half * np.cos(np.arange(AMONG) * np.pi / _NODES))
+    return np.asarray(middle + half * np.cos(np.arange(_NODES + 1) * np.pi / _NODES))
 
 
 def _nodes(span: Span) -> Array:

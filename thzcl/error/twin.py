@@ -11,20 +11,21 @@ compares its cases with it.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache, partial
 
 import numpy as np
 from numpy.typing import NDArray
 
-from thzcl.air.expansion import AMONG, Expansion, between, chebyshev_series, possible
+from thzcl.air.expansion import Expansion, chebyshev_series, possible
 from thzcl.air.mean import Air
 from thzcl.air.radiometry import BOLTZMANN, LIGHT_SPEED, PLANCK
 
 Array = NDArray[np.float64]
 Span = tuple[float, float]
 NEGLIGIBLE = 1e-15  # of the largest term: smaller terms of a Chebyshev series are left out
-EVEN = 1e-9  # of the largest absorption: series that err by more are not used
+EVEN = 1e-9  # of the largest coefficient: series whose LAST ones are larger are not used
+LAST = 4
 TERMS_AT_ONCE = 16  # moments that are computed together, more than most airs need
 
 
@@ -150,26 +151,21 @@ def _exact(air: Air, frequencies: tuple[float, ...], spans: tuple[Span, Span]) -
     humidity, temperature = (
         1 + int(np.flatnonzero(worth.any(axis=axis))[-1]) if worth.any() else 1 for axis in (1, 0)
     )
-    found = Absorber(series[:, :humidity, :temperature], *spans, {})
-    laws = {n: partial(air.absorption, np.array(frequencies[n])) for n in _uneven(air, hz, found)}
-    return replace(found, direct=laws)
+    laws = {n: partial(air.absorption, np.array(frequencies[n])) for n in _uneven(series)}
+    return Absorber(series[:, :humidity, :temperature], *spans, laws)
 
 
-def _uneven(air: Air, hz: Array, found: Absorber) -> list[int]:
-    """Returns the numbers of the frequencies (frequency, 1, 1) at which the series fails.
+def _uneven(series: Array) -> list[int]:
+    """Returns the numbers of the frequencies at which a series (frequency, k, j) does not end.
 
-    The model has steps or kinks there. It is tried between the nodes, along both diagonals of the
-    spans.
+    Coefficients of what is smooth fall to rounding; those of steps and kinks do not.
     """
-    delta, offset = (
-        np.resize(between(span), 2 * AMONG)
-        for span in (found.humidity_span, found.temperature_span)
-    )
-    offset[AMONG:] = offset[AMONG - 1 :: -1]
-    right = air.absorption(hz[:, :, 0], delta, offset)
-    tried = found.along(Path(np.ones((1, len(delta))), delta[None], offset[None], (0.0, 0.0)))
-    wrong = np.array([values[0] for values in tried]) - right
-    return np.flatnonzero(np.abs(wrong).max(axis=1) > EVEN * right.max(axis=1)).tolist()
+    largest = np.abs(series).max(axis=(1, 2))
+    wrong = np.zeros(len(series), dtype=bool)
+    for axis in (1, 2):
+        ends = np.abs(np.moveaxis(series, axis, 1)[:, 1:][:, -LAST:])
+        wrong |= ends.max(axis=(1, 2), initial=0.0) > EVEN * largest
+    return np.flatnonzero(wrong).tolist()
 
 
 def of_surrogate(surrogate: Expansion) -> Absorber:
