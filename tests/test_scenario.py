@@ -309,6 +309,15 @@ def test_fluctuations_that_lack_a_seed_are_never_taken_for_still_air():
 
 
 FLOW = "atmosphere.fluctuations"
+
+
+@pytest.mark.parametrize("key", ["temperature_sigma_k", "structure_constant_t"])
+def test_air_that_would_be_colder_than_nothing_is_refused(tmp_path, key):
+    words = "[[]atmosphere.fluctuations[]]: the air's temperature would fall to -.* K; lower"
+    with pytest.raises(ScenarioError, match=words):
+        pipeline.prepare(write(tmp_path, PLAIN), {f"{FLOW}.{key}": 99.0})
+
+
 SCAN = {"kind": "raster-scan", "detector": PLAIN["sensor"], "timing": "focal-plane"}
 IDLE = {
     "correlation": (

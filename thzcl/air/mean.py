@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from thzcl.air import composition, humidity, validity
 from thzcl.air.composition import Part
+from thzcl.errors import RangeError
 
 Array = NDArray[np.float64]
 Span = tuple[float, float]
@@ -109,6 +110,11 @@ class Air:
 
         The spans bound delta and the temperature's departure from the mean in K.
         """
+        coldest = self.temperature_k + temperature_span[0]
+        if coldest <= 0:
+            text = f"the air's temperature would fall to {coldest:.4g} K"
+            remedy = "lower temperature_sigma_k or structure_constant_t"
+            raise RangeError(f"{text}; {remedy}", "temperature_k", coldest)
         for part, asked in self._asked(frequency_hz, humidity_span, temperature_span):
             composition.refuse(part, asked)
 
