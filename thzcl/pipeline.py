@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,13 +16,13 @@ from thzcl.graph import evaluate
 from thzcl.plan import checks, report
 from thzcl.plan.plan import Plan, make_plan
 from thzcl.plan.variant import PlannedVariant
+from thzcl.results import spread
 from thzcl.results.conditions import angles, conditions
-from thzcl.results.contents import Cube, VariantResult
+from thzcl.results.contents import Cube, ModelResult, VariantResult
 from thzcl.results.result import Result
 from thzcl.results.versions import versions
 from thzcl.scenario import document as documents
-from thzcl.sensing.image import Recorded, Sight
-from thzcl.sensor import Image
+from thzcl.sensing.image import Compared, Recorded
 from thzcl.turbulence.fields import SavedCube
 from thzcl.turbulence.orientation import ROTATIONS
 
@@ -93,14 +94,15 @@ def compute_images(plan: Plan, device: Device, clock: Clock, *, figure: bool = F
     batches = evaluate((plan.batch(n) for n in range(plan.realizations)), device, clock)
     first = [_Made.of(v, values) for v, values in _by_variant(plan, next(batches))]
     result = _result(plan, device, first, clock, figure)
-    images = [_checked(made.recorded, result) for made in first]
-    _refuse_unlike([image for _, image in images], result)
+    pairs = zip(plan.variants, first, strict=True)
+    images = [_shown(v.name, made.recorded, made.compared, result) for v, made in pairs]
+    _refuse_unlike(images, result)
     if plan.realizations > 1:
         images = _mean(plan, images, batches, clock, result)
-    pairs = zip(plan.variants, images, strict=True)
     return replace(
         result,
-        variants=tuple(VariantResult(v.name, *sight_and_image) for v, sight_and_image in pairs),
+        variants=tuple(images),
+        error_budget=result.error_budget | spread.budget(images, len(result.targets)),
         voxel_segments=device.counters.segments - before,
     )
 
@@ -114,18 +116,24 @@ class _Made:
     """
 
     recorded: Recorded
+    compared: tuple[Compared, ...]
     expansion: Expansion
     saved: SavedCube | None
     notes: tuple[str, ...]
     errors: dict[str, Part]
 
+    def fits(self) -> list[float]:
+        """Returns the errors of the expansions, that of the image first."""
+        return [self.expansion.error, *(one.error for one in self.compared)]
+
     @classmethod
     def of(cls, variant: PlannedVariant, values: Iterator[Any]) -> _Made:
         """Returns the next values, which come in the order of PlannedVariant.specs(), by field."""
         made: list[Any] = [None if spec is None else next(values) for spec in variant.specs()]
-        notes, saved, expansion, recorded, *errors = made
-        parts = {name: part for parts in errors for name, part in parts.items()}
-        return cls(recorded, expansion, saved, notes or (), parts)
+        notes, saved, expansion, recorded, *others = made
+        count = len(variant.compared)
+        parts = {name: part for parts in others[count:] for name, part in parts.items()}
+        return cls(recorded, tuple(others[:count]), expansion, saved, notes or (), parts)
 
 
 def _by_variant(
@@ -137,15 +145,23 @@ def _by_variant(
         yield variant, rest
 
 
-def _checked(recorded: Recorded, so_far: Result) -> tuple[Sight, Image]:
-    """Returns what reached the pixels, and the image. Raises NumbersError if there is no image."""
+def _shown(
+    name: str, recorded: Recorded, compared: Iterable[Compared], so_far: Result
+) -> VariantResult:
+    """Returns an image and what reached its pixels. Raises NumbersError if there is no image."""
     if recorded.image is None:
         raise NumbersError(recorded.failure or "no image", so_far)
-    return recorded.sight, recorded.image
+    return VariantResult(name, recorded.sight, recorded.image, _models(compared))
 
 
-def _refuse_unlike(images: list[Image], so_far: Result) -> None:
+def _models(compared: Iterable[Compared]) -> tuple[ModelResult, ...]:
+    """Returns what reached the pixels by the models to compare with."""
+    return tuple(ModelResult(one.model, one.planes, one.sight) for one in compared)
+
+
+def _refuse_unlike(variants: list[VariantResult], so_far: Result) -> None:
     """Raises NumbersError for images of several quantities, which one variable cannot hold."""
+    images = [variant.image for variant in variants if variant.image is not None]
     kinds = dict.fromkeys(f"{image.quantity} in {image.unit}" for image in images)
     if len(kinds) > 1:
         text = f"the variants' images are of several kinds ({', '.join(kinds)})"
@@ -154,14 +170,14 @@ def _refuse_unlike(images: list[Image], so_far: Result) -> None:
 
 def _mean(
     plan: Plan,
-    first: list[tuple[Sight, Image]],
+    first: list[VariantResult],
     batches: Iterator[tuple[Any, ...]],
     clock: Clock,
     so_far: Result,
-) -> list[tuple[Sight, Image]]:
+) -> list[VariantResult]:
     """Returns each variant's mean over realisations of the air, with variance and spread.
 
-    `first` holds what reached the pixels in the first realisation, and the images.
+    `first` holds the images of the first realisation.
     """
     from thzcl.studies.ensemble import Ensemble
 
@@ -170,9 +186,13 @@ def _mean(
         clock.counted(number + 1, plan.realizations)
         images = first
         if number > 0:
-            images = [_checked(recorded, so_far) for recorded in next(batches)]
-        for ensemble, (sight, image) in zip(ensembles, images, strict=True):
-            ensemble.add(sight, image)
+            values = iter(next(batches))
+            images = [
+                _shown(v.name, next(values), islice(values, len(v.compared)), so_far)
+                for v in plan.variants
+            ]
+        for ensemble, image in zip(ensembles, images, strict=True):
+            ensemble.add(image)
     return [ensemble.mean() for ensemble in ensembles]
 
 
@@ -181,12 +201,17 @@ def _result(plan: Plan, device: Device, made: list[_Made], clock: Clock, figure:
     first, pairs = plan.variants[0], list(zip(plan.variants, made, strict=True))
     notes = dict.fromkeys(note for one in made for note in one.notes)
     left_out = [stage for stage in report.stages(plan, figure) if not stage.needed]
-    errors = [one.expansion.error for one in made]
+    errors = [error for one in made for error in one.fits()]
+    held = {model.model for variant in plan.variants for model in variant.compared}
+    models = [first.scene.atmosphere.model, *first.scene.atmosphere.compare]
     return Result(
         scenario=plan.scenario.name,
         scenario_toml=plan.scenario.text,
         scenario_folder=str(plan.scenario.folder.resolve()),
-        variants=tuple(VariantResult(v.name, one.recorded.sight, None) for v, one in pairs),
+        variants=tuple(
+            VariantResult(v.name, one.recorded.sight, None, _models(one.compared))
+            for v, one in pairs
+        ),
         targets=("background", "ground", *plan.scenario.targets),
         pixel_angles_mrad=tuple(angles(v.scene.camera) for v in plan.variants),
         conditions=tuple(
@@ -205,6 +230,8 @@ def _result(plan: Plan, device: Device, made: list[_Made], clock: Clock, figure:
         voxel_segments=0,
         versions=versions(),
         cubes=_cubes(pairs),
+        models=tuple(name for name in models if name in {models[0], *held}) if held else (),
+        spread_shown=first.scene.output.model_spread,
     )
 
 

@@ -54,7 +54,7 @@ class Setting:
 
     def trace(self) -> Paths:
         """Returns our paths, once the device has ended."""
-        paths = self.path.run(self.device, self.cube, self.ends, iter([self.expansion]))
+        paths = self.path.run(self.device, self.cube, self.ends, iter([self.expansion]), iter(()))
         self.device.finish()
         return paths
 

@@ -198,6 +198,12 @@ def lines(
     return guard.call(at_work.owner, answers.checked_lines, answer)
 
 
+def lacking(one: Part, asked: Ranges) -> str | None:
+    """Returns in words what a constituent is not valid for, or None if it is for all."""
+    words = (validity.in_words(one.name, *out) for out in validity.outside(made(one).valid, asked))
+    return next(words, None)
+
+
 def refuse(one: Part, asked: Ranges) -> None:
     """Raises RangeError where a constituent is not valid for all that is asked for."""
     for span, value in validity.outside(made(one).valid, asked):

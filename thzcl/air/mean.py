@@ -118,6 +118,14 @@ class Air:
         for part, asked in self._asked(frequency_hz, humidity_span, temperature_span):
             composition.refuse(part, asked)
 
+    def lacking(
+        self, frequency_hz: Array, humidity_span: Span, temperature_span: Span
+    ) -> str | None:
+        """Returns in words why refuse_beyond() would raise, or None if it would not."""
+        asked = self._asked(frequency_hz, humidity_span, temperature_span)
+        found = (composition.lacking(part, ranges) for part, ranges in asked)
+        return next(filter(None, found), None)
+
     def notes(self, frequency_hz: Array, humidity_span: Span, temperature_span: Span) -> list[str]:
         """Returns what to tell of constituents that extrapolate."""
         return [

@@ -102,6 +102,7 @@ def tables(found: dict[str, Any]) -> list[Table]:
 
     return [
         _targets(found),
+        _models(found["variants"]),
         _facts(found["variants"]),
         Table(
             "", (Column("stage"), Column("seconds", form=".3f")), tuple(found["seconds"].items())
@@ -134,6 +135,27 @@ def _targets(found: dict[str, Any]) -> Table:
         for target, values in variant["targets"].items()
     )
     return Table(f"{found['scenario']}, seed {found['seed']}", columns, rows, keys=2)
+
+
+def _models(variants: list[dict[str, Any]]) -> Table:
+    from thzcl.commands.tables import Column, Table
+
+    columns = (
+        Column("variant"),
+        Column("target"),
+        Column("by model"),
+        Column("contrast to air", "K", "+.5g"),
+        Column("optical depth", form=".4g"),
+        Column("transmission", form=".4g"),
+    )
+    keys = ("mean_contrast_k", "optical_depth", "transmission")
+    rows = tuple(
+        (variant["name"], target, model, *(of_model["targets"][target][key] for key in keys))
+        for variant in variants
+        for target in variant["targets"]
+        for model, of_model in variant.get("models", {}).items()
+    )
+    return Table("", columns, rows, keys=3)
 
 
 def _facts(variants: list[dict[str, Any]]) -> Table:

@@ -56,10 +56,11 @@ class StraightSpec(Spec):
 
 @frozen
 class TraceSpec(Spec):
-    """The paths of rays through a cube, with as many moments as the expansions in `serves` need.
+    """The paths of rays through a cube, with as many moments as the expansions that it serves need.
 
-    `fixed` holds those of the names "cutoff" and "stride" whose values the user has fixed. Paths
-    with different values are joined only if thzcl has chosen them.
+    Those in `serves` settle where rays end; those in `also`, of models to compare with, settle
+    nothing. `fixed` holds those of the names "cutoff" and "stride" whose values the user has fixed.
+    Paths with different values are joined only if thzcl has chosen them.
     """
 
     field: AnyField
@@ -71,7 +72,8 @@ class TraceSpec(Spec):
     fixed: frozenset[str]
     targets: Values  # (surface,): flags of what each surface belongs to
     planned_segments: float = dataclass_field(default=0.0, compare=False)
-    reads = ("field", "ends", "serves")
+    also: tuple[ExpansionSpec, ...] = ()
+    reads = ("field", "ends", "serves", "also")
 
     @property
     def camera(self) -> EndsSpec:
@@ -84,14 +86,20 @@ class TraceSpec(Spec):
         return "outgoing-path" if isinstance(self.ends, OutgoingSpec) else "trace"
 
     def run(
-        self, device: Device, field: Field, ends: RayEnds, serves: Iterator[Expansion]
+        self,
+        device: Device,
+        field: Field,
+        ends: RayEnds,
+        serves: Iterator[Expansion],
+        also: Iterator[Expansion],
     ) -> Paths:
-        """Returns the paths; their number of moments and their cut-off follow from `serves`."""
+        """Returns the paths; their cut-off follows from `serves`, their moments from `also` too."""
         fits, precision = list(serves), self.ends.precision
-        moments = max(fit.moments for fit in fits)
+        moments = max(fit.moments for fit in (*fits, *also))
         if not moments:  # absorption does not vary, as in even air
             return trace.straight(device, ends, precision)
-        guard = _guard(fits, moments, ends, self.cutoff)
+        varies = any(fit.moments for fit in fits)
+        guard = _guard(fits, moments, ends, self.cutoff) if varies else None
         medium = trace.medium(device, field, ends, self.motion)
         if self.stride == 1:
             return trace.trace(device, ends, medium, moments, guard, precision)
@@ -102,19 +110,32 @@ class TraceSpec(Spec):
         """Returns a key, which is equal for paths that one trace can serve."""
         cutoff = self.cutoff if "cutoff" in self.fixed else 0.0
         stride = self.stride if "stride" in self.fixed else 1
-        return replace(self, serves=(), cutoff=cutoff, stride=stride)
+        return replace(self, serves=(), also=(), cutoff=cutoff, stride=stride)
 
     def join(self, other: TraceSpec) -> TraceSpec:
-        """Returns the path that serves both: all expansions, deeper cut-off, smaller stride."""
-        serves = tuple(dict.fromkeys(self.serves + other.serves))
-        cutoff, stride = max(self.cutoff, other.cutoff), min(self.stride, other.stride)
-        segments = max(self.planned_segments, other.planned_segments)
-        joint = replace(self, serves=serves, cutoff=cutoff, stride=stride)
+        """Returns the path that serves both: all expansions, deeper cut-off, smaller stride.
+
+        Cut-off and stride are those of paths that serve more than models to compare with.
+        """
+        both = self, other
+        settling = [path for path in both if path.serves] or both
+        joint = replace(
+            self,
+            serves=tuple(dict.fromkeys(self.serves + other.serves)),
+            also=tuple(dict.fromkeys(self.also + other.also)),
+            cutoff=max(path.cutoff for path in settling),
+            stride=min(path.stride for path in settling),
+        )
+        segments = max(path.planned_segments for path in both)
         return replace(joint, planned_segments=segments)
+
+    def beside(self) -> TraceSpec:
+        """Returns the path for which all that it serves is compared, and settles nothing."""
+        return replace(self, serves=(), also=self.serves)
 
     def planned_moments(self) -> int:
         """Returns an upper bound of the number of moments, before the cube is made."""
-        return max(fit.planned().moments for fit in self.serves)
+        return max(fit.planned().moments for fit in (*self.serves, *self.also))
 
     def describe(self) -> dict[str, Work | LeftOut]:
         """Returns that rays are traced, and which of them are interpolated."""

@@ -57,6 +57,10 @@ def _of_variants(first: PlannedVariant, variant: PlannedVariant) -> list[Trouble
         found.append(Trouble(("numerics", "realizations"), text))
     if realizations > 1 and (variant.cube is None or variant.cube.random is None):
         found.append(Trouble(("numerics", "realizations"), _AT_RANDOM))
+    models, others = _models(first.scene), _models(scene)
+    if models != others and (models[1:] or others[1:]):
+        text = f"all variants must compare the same models in the same order, {_SAME}"
+        found.append(Trouble(("atmosphere", "compare"), text))
     planes = first.image.spectrum.count, variant.image.spectrum.count
     if planes[0] != planes[1] or _recorder(variant) != _recorder(first):
         text = f"all variants must be of one kind, with as many frequencies, {_SAME}"
@@ -67,6 +71,11 @@ def _of_variants(first: PlannedVariant, variant: PlannedVariant) -> list[Trouble
         text = f"all variants must have cubes of the same voxel_m, grid and orientation, {_SAME}"
         found.append(Trouble(("output", "save_field"), text))
     return found
+
+
+def _models(scene: Scene) -> tuple[str, ...]:
+    """Returns the names of the main model, and of those to compare with."""
+    return scene.atmosphere.model, *scene.atmosphere.compare
 
 
 def _recorder(variant: PlannedVariant) -> tuple[object, bool]:
@@ -86,9 +95,13 @@ def _lie(variant: PlannedVariant) -> tuple[object, ...]:
 
 
 def _of_powers(variant: PlannedVariant) -> list[Trouble]:
-    """Returns that the arithmetic does not hold the powers of humidity along a path, if so."""
-    planned, precision = variant.expansion.planned(), variant.settled.precision
-    reach = max(map(abs, planned.humidity_span))
+    """Returns that the arithmetic does not hold the powers of humidity along a path, if so.
+
+    A path has as many powers as the model needs, of those compared, that needs most.
+    """
+    expansions = (variant.expansion, *(one.expansion for one in variant.compared))
+    planned = max((spec.planned() for spec in expansions), key=lambda one: one.moments)
+    precision, reach = variant.settled.precision, max(map(abs, planned.humidity_span))
     room = math.log(float(np.finfo(precision).max) / (_ROOM * max(variant.longest_m, 1.0)))
     if planned.moments * math.log(max(reach, 1.0)) <= room:
         return []

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from thzcl.graph import Spec, everything, rewrite
-from thzcl.paths.specs import joined
+from thzcl.paths.specs import TraceSpec, joined
 from thzcl.plan.variant import PlannedVariant, plan_variant
 from thzcl.scenario.document import Scenario
 from thzcl.sensing.image import ImageSpec
@@ -40,12 +41,23 @@ class Plan:
     def batch(self, number: int = 0) -> tuple[Spec, ...]:
         """Returns the specs that a run evaluates for one realisation of the air.
 
-        For realisation 0 they are all that is wanted of each variant, for others the images.
+        For realisation 0 they are all that is wanted of each variant, for others the images and
+        what is compared with them.
         """
         if number == 0:
             return tuple(spec for variant in self.variants for spec in wanted(variant))
-        images = tuple(variant.image for variant in self.variants)
+        images = (spec for variant in self.variants for spec in (variant.image, *variant.compared))
         return rewrite(images, lambda spec: _realization(spec, number))
+
+    def alone(self) -> Plan:
+        """Returns the plan without the models to compare with."""
+
+        def bare(spec: Spec) -> Spec:
+            return replace(spec, also=()) if isinstance(spec, TraceSpec) else spec
+
+        alone = [replace(variant, compared=(), rivals=()) for variant in self.variants]
+        bared = [one.with_specs(_all(one, rewrite(wanted(one), bare))) for one in alone]
+        return replace(self, variants=tuple(bared))
 
 
 def wanted(variant: PlannedVariant) -> list[Spec]:
@@ -69,8 +81,11 @@ def make_plan(scenario: Scenario) -> Plan:
     PluginFailure if a sensor fails.
     """
     variants = [plan_variant(scenario, variant) for variant in scenario.variants]
-    rows = [variant.specs() for variant in variants]
-    together = iter(joined(spec for row in rows for spec in row if spec is not None))
-    specs = [tuple(None if spec is None else next(together) for spec in row) for row in rows]
-    pairs = zip(variants, specs, strict=True)
-    return Plan(scenario, tuple(variant.with_specs(own) for variant, own in pairs))
+    together = iter(joined(spec for variant in variants for spec in wanted(variant)))
+    return Plan(scenario, tuple(one.with_specs(_all(one, together)) for one in variants))
+
+
+def _all(variant: PlannedVariant, new: Iterable[Spec]) -> list[Spec | None]:
+    """Returns the specs of a variant, None included, in place of those wanted the next `new`."""
+    following = iter(new)
+    return [None if spec is None else next(following) for spec in variant.specs()]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from thzcl.air.expansion import Expansion, possible
+from thzcl.air.expansion import Expansion, ExpansionSpec, TrimmedSpec, possible
 from thzcl.air.mean import NOWHERE
 from thzcl.air.refraction import Refraction, estimate, structure_constant_n
 from thzcl.graph import LeftOut, Work, everything, peak
@@ -28,6 +28,9 @@ STAGES = (
     "optics",
     "noise",
 )
+
+
+BEARABLE_FIT = 1e-4  # error of the absorption polynomial, beyond which there is a warning
 
 
 @dataclass(frozen=True)
@@ -68,7 +71,8 @@ def _stage(plan: Plan, name: str, words: list[Work | LeftOut]) -> Stage:
 
 def _expansion(plan: Plan) -> str:
     """Returns the degree and the error of the expansion of absorption, in words."""
-    names = ", ".join(dict.fromkeys(variant.air.names for variant in plan.variants))
+    airs = [spec.planned().air for spec in _expansions(plan)]
+    names = ", ".join(dict.fromkeys(air.names for air in airs))
     fitted = f"{names} as polynomial of degree {moments(plan)} in humidity"
     return f"{fitted}, error at most {expansion_error(plan):.1e} of the mean absorption"
 
@@ -80,12 +84,18 @@ def _count(number: int, noun: str) -> str:
 
 def moments(plan: Plan) -> int:
     """Returns an upper bound of the number of path moments, before the cubes are made."""
-    return max(_planned(variant).moments for variant in plan.variants)
+    return max(spec.planned().moments for spec in _expansions(plan))
 
 
 def expansion_error(plan: Plan) -> float:
     """Returns an upper bound of the expansions' error, relative to the mean air's absorption."""
-    return max(_planned(variant).error for variant in plan.variants)
+    return max(spec.planned().error for spec in _expansions(plan))
+
+
+def _expansions(plan: Plan) -> list[ExpansionSpec | TrimmedSpec]:
+    """Returns the expansions of absorption of all variants, and of the models compared."""
+    made = [(one.expansion, *(c.expansion for c in one.compared)) for one in plan.variants]
+    return [expansion for row in made for expansion in row]
 
 
 def _planned(variant: PlannedVariant) -> Expansion:
@@ -106,32 +116,48 @@ def memory(plan: Plan) -> tuple[int, int]:
 def warnings(plan: Plan, errors: Iterable[float]) -> list[str]:
     """Returns warnings about a plan's images.
 
-    `errors` are those of the variants' expansions, relative to the mean air's absorption.
+    `errors` are those of the expansions, relative to the mean air's absorption: of each variant,
+    its own and then those of the models to compare with.
     """
     found = list(plan.scenario.idle)
     found += [note for variant in plan.variants for note in _extrapolations(variant)]
+    found += [note for variant in plan.variants for note in _left_out(variant)]
     found += [*_periods(plan), *_continued(plan), *_idle_wind(plan)]
-    for variant, error in zip(plan.variants, errors, strict=True):
+    following = iter(errors)
+    for variant in plan.variants:
         humidity = variant.scene.atmosphere.air.relative_humidity_percent
         if humidity > 100.5:
             of = f"mean humidity is {humidity:.4g} % of saturation"
             found.append(f"{variant.name}: {of}; clouds are not modelled")
-        if error > 1e-4:
-            by = f"the absorption polynomial errs by up to {error:.1e}"
-            found.append(f"{variant.name}: {by}; set a higher moments")
+        for model in ("", *(f' of "{one.model}"' for one in variant.compared)):
+            error = next(following)
+            if error > BEARABLE_FIT:
+                by = f"the absorption polynomial{model} errs by up to {error:.1e}"
+                found.append(f"{variant.name}: {by}; set a higher moments")
     return list(dict.fromkeys(found))
 
 
 def _extrapolations(variant: PlannedVariant) -> list[str]:
     """Returns warnings of constituents that are asked for more than they are stated for."""
     humid, warm = (NOWHERE, NOWHERE) if variant.cube is None else variant.cube.spans()
-    nodes = variant.image.spectrum.nodes_hz.array
-    return variant.air.notes(nodes, possible(variant.air, humid), warm)
+    asked = [(variant.air, variant.image.spectrum)]
+    airs = {rival.model: rival.air for rival in variant.rivals}
+    asked += [(airs[one.model], one.spectrum) for one in variant.compared]
+    notes = [
+        air.notes(spectrum.nodes_hz.array, possible(air, humid), warm) for air, spectrum in asked
+    ]
+    return [note for some in notes for note in some]
+
+
+def _left_out(variant: PlannedVariant) -> list[str]:
+    """Returns what is told of models to compare with that are not valid for a variant."""
+    notes = [rival.note(variant.image.spectrum.count) for rival in variant.rivals]
+    return [f"{variant.name}: {note}" for note in notes if note is not None]
 
 
 def planned_errors(plan: Plan) -> list[float]:
-    """Returns upper bounds of the errors of the variants' expansions, as `warnings` takes them."""
-    return [_planned(variant).error for variant in plan.variants]
+    """Returns upper bounds of the errors of the expansions, as `warnings` takes them."""
+    return [spec.planned().error for spec in _expansions(plan)]
 
 
 def _periods(plan: Plan) -> list[str]:

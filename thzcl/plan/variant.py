@@ -18,6 +18,7 @@ from thzcl.error.rays import FineWalkSpec, WalkSpec
 from thzcl.graph import Spec, Values
 from thzcl.plan import numerics
 from thzcl.plan.air import STILL, AnyAir, Moving, NonIsothermalAir, Setup, TurbulentAir, UniformAir
+from thzcl.plan.compare import Rival, beside, in_planes, rivals
 from thzcl.plan.cube import Source, cube_source
 from thzcl.plan.numerics import Accuracy, Foreseen
 from thzcl.plan.refused import air_refused, files_refused
@@ -27,7 +28,7 @@ from thzcl.scenario.document import Scenario, Variant
 from thzcl.scenario.scene import Scene
 from thzcl.sensing import bands, optics
 from thzcl.sensing.exposures import Exposure
-from thzcl.sensing.image import ImageSpec, NoiseKey
+from thzcl.sensing.image import ComparedSpec, ImageSpec, NoiseKey
 from thzcl.sensing.pixels import PixelsSpec, PlacesSpec, Steps, SumSpec
 from thzcl.sensing.spectrum import Spectrum, finer, spectrum
 from thzcl.sensor import Needs, View
@@ -47,18 +48,21 @@ class PlannedVariant:
     """The plan of one image. Two plans are equal if the same specs make them.
 
     `shape` are the rays of the camera and what they can meet, `cube` is the cube that they cross,
-    or None. `longest_m` is about the length of the longest ray, `visible_m` that of a ray in mean
-    air down to the cut-off depth.
+    or None. `rivals` are the models to compare with, those included that are valid nowhere.
+    `longest_m` is about the length of the longest ray, `visible_m` that of a ray in mean air down
+    to the cut-off depth.
     """
 
     name: str
     image: ImageSpec
+    compared: tuple[ComparedSpec, ...]
     expansion: ExpansionSpec | TrimmedSpec
     errors: tuple[Spec, ...]
     notes: NotesSpec | None
     saved: SavedCubeSpec | None
     settled: Accuracy
     air: Air = field(compare=False)
+    rivals: tuple[Rival, ...] = field(compare=False)
     scene: Scene = field(compare=False)
     needs: Needs = field(compare=False)
     shape: Geometry = field(compare=False)
@@ -69,13 +73,16 @@ class PlannedVariant:
 
     def specs(self) -> tuple[Spec | None, ...]:
         """Returns the specs that a run evaluates, in order, with None for those not needed."""
-        return self.notes, self.saved, self.expansion, self.image, *self.errors
+        every = *self.compared, *self.errors
+        return self.notes, self.saved, self.expansion, self.image, *every
 
     def with_specs(self, specs: Sequence[Any]) -> PlannedVariant:
         """Returns the variant with other specs, in the order of specs()."""
-        notes, saved, expansion, image, *errors = specs
+        notes, saved, expansion, image, *others = specs
         made = {"notes": notes, "saved": saved, "expansion": expansion, "image": image}
-        return replace(self, **made, errors=tuple(errors))
+        count = len(self.compared)
+        compared, errors = tuple(others[:count]), tuple(others[count:])
+        return replace(self, **made, compared=compared, errors=errors)
 
 
 def plan_variant(scenario: Scenario, variant: Variant) -> PlannedVariant:
@@ -99,14 +106,22 @@ class _Planner:
                 self.scene, scenario.locate, plain, scenario.targets
             )
             self.air: Air = self.scene.atmosphere.air.located(scenario.locate)
+            others = self.scene.atmosphere.compared
+            compared = {model: air.located(scenario.locate) for model, air in others.items()}
         with air_refused(scenario, self.scene):
             self.air.refuse_beyond(None, NOWHERE, NOWHERE)
             self.needs = self._asked()
             self.spectrum: Spectrum = spectrum(self.needs)
             self.air.refuse_beyond(self.spectrum.nodes_hz.array, NOWHERE, NOWHERE)
         self.sources = self._sources()
+        self.rivals = rivals(compared, self.spectrum)
+        asked = {one.air: self.spectrum.only(one.planes) for one in self.rivals if one.planes}
         with files_refused(scenario):
-            self.cube_source = self._cube_source()
+            self.cube_source = self._cube_source(self.air, self.spectrum)
+            by_air = {air: self._cube_source(air, spectrum) for air, spectrum in asked.items()}
+        self.cube_sources = {self.air: self.cube_source, **by_air}
+        # That of the cube that is made, which the main model itself may not need.
+        self.source = next((s for s, _ in self.cube_sources.values() if s is not None), None)
         if self.needs.optics is not None:
             nodes = self.spectrum.nodes_hz.array
             rays = optics.sampling(self.needs.optics, plain, self.pixel_rad, nodes)
@@ -146,12 +161,11 @@ class _Planner:
             return radiance.emission(self.scene, self.surfaces)
         return radiance.reflection(self.surfaces, 2 if self.needs.transmitter_m is None else 1)
 
-    def _cube_source(self) -> tuple[Source | None, str]:
-        """Returns what the cube is made from, or None and the reason why there is no cube."""
-        nodes = self.spectrum.nodes_hz.array
-        absorbs = self.air.varies or bool(self.air.absorption(nodes).any())
+    def _cube_source(self, air: Air, spectrum: Spectrum) -> tuple[Source | None, str]:
+        """Returns what the cube is made from, or None and why an air's rays cross no cube."""
+        absorbs = air.varies or bool(air.absorption(spectrum.nodes_hz.array).any())
         emits = self.sources.air_emits
-        return cube_source(self.scenario, self.scene, self.air, absorbs=absorbs, emits=emits)
+        return cube_source(self.scenario, self.scene, air, absorbs=absorbs, emits=emits)
 
     def _foreseen(self) -> Foreseen:
         """Returns a forecast of the image, by which numerical settings are chosen."""
@@ -172,7 +186,7 @@ class _Planner:
 
     def _orientation(self) -> str:
         """Returns the cube's orientation: the scene's, or else that of the cube's file."""
-        flow, source = self.scene.atmosphere.fluctuations, self.cube_source[0]
+        flow, source = self.scene.atmosphere.fluctuations, self.source
         if flow is None:
             return "aligned"
         if flow.grid_orientation is None and isinstance(source, CubeFile):
@@ -181,7 +195,7 @@ class _Planner:
 
     def _field(self) -> AnyField | None:
         """Returns the cube that rays cross, or None."""
-        source, precision = self.cube_source[0], self.settled.precision
+        source, precision = self.source, self.settled.precision
         if source is None:
             return None
         most = self.air.most_vapour
@@ -215,25 +229,59 @@ class _Planner:
     def _air(self, setup: Setup, cube: AnyField | None) -> AnyAir:
         """Returns the kind of air that light goes through; it is asked for nowhere else."""
         flow = self.scene.atmosphere.fluctuations
-        if cube is None or flow is None:
-            return UniformAir(setup, self.cube_source[1])
+        source, why = self.cube_sources[setup.air]
+        if source is None or cube is None or flow is None:
+            return UniformAir(setup, why)
         share = self.foreseen.share_traced(self.settled.stride)
         wind = flow.wind_m_s
         where = self._orientation(), wind, self.sample, self._visible_m()
         moving = Moving(cube, *where, share)
         return TurbulentAir(setup, moving) if cube.isothermal else NonIsothermalAir(setup, moving)
 
-    def _fine(self, even: UniformAir, turn: int = 0) -> SumSpec | None:
+    def _taken(self, air: AnyAir) -> list[Exposure]:
+        """Returns the exposures in which rays cross some air, which the wind moves if uneven."""
+        return self.sampling.exposures(STILL if isinstance(air, UniformAir) else air.cube.wind_m_s)
+
+    def _parts(self, air: AnyAir, planes: tuple[int, ...]) -> tuple[SumSpec, ...]:
+        """Returns the parts of what pixels see at some planes, the rays of each exposure first."""
+        main = _sum(air, in_planes(self._taken(air), planes), self.shape.raster)
+        fine, even = self._fine(air.setup, planes), _even(air.setup)
+        if fine is None:
+            return (main,)
+        coarse = _sum(even, in_planes(self.sampling.still(), planes), self.shape.raster)
+        return main, fine, _less(coarse)
+
+    def _fine(self, setup: Setup, planes: tuple[int, ...], turn: int = 0) -> SumSpec | None:
         """Returns what pixels see of surfaces that a lattice samples, in even air, or None."""
-        taken = self.sampling.lattice(turn)
-        return _sum(even, taken, taken[0].geometry.raster) if taken else None
+        taken = in_planes(self.sampling.lattice(turn), planes)
+        return _sum(_even(setup), taken, taken[0].geometry.raster) if taken else None
+
+    def _compared(self, setup: Setup, cube: AnyField | None, one: Rival) -> ComparedSpec:
+        """Returns what reaches the pixels by a model to compare with, at the planes it holds."""
+        spectrum = setup.spectrum.only(one.planes)
+        air = self._air(replace(setup, air=one.air, spectrum=spectrum), cube)
+        spec = ComparedSpec(
+            one.model,
+            one.planes,
+            PixelsSpec(self._parts(air, one.planes)),
+            self._places(setup),
+            air.expansion,
+            self.sources,
+            spectrum,
+            math.prod(self.pixel_rad),
+        )
+        return beside(spec)
+
+    def _places(self, setup: Setup) -> PlacesSpec:
+        """Returns what the pixels show."""
+        return PlacesSpec(setup.ends(self.shape), setup.out(self.shape), self.targets)
 
     def _image(self, setup: Setup, parts: tuple[SumSpec, ...]) -> ImageSpec:
         """Returns the image whose pixels see the sum of some parts."""
         return ImageSpec(
             self.variant.name,
             PixelsSpec(parts),
-            PlacesSpec(setup.ends(self.shape), setup.out(self.shape), self.targets),
+            self._places(setup),
             self.sources,
             self.spectrum,
             self.scene.sensor,
@@ -247,27 +295,24 @@ class _Planner:
         cube, setup = self._field(), self._setup()
         if cube is not None:
             self._refuse_beyond(*cube.spans())
-        air, even = self._air(setup, cube), UniformAir(setup, "surfaces in mean air")
-        flow = self.scene.atmosphere.fluctuations
-        wind = STILL if flow is None or cube is None else flow.wind_m_s
-        taken = self.sampling.exposures(wind)
-        main, fine = _sum(air, taken, self.shape.raster), self._fine(even)
-        parts = [main]
-        if fine is not None:
-            parts += [fine, _less(_sum(even, self.sampling.still(), self.shape.raster))]
-        errors = self._errors(air, taken, main)
-        other = self._fine(even, turn=1) if errors else None
-        if fine is not None and other is not None:
-            errors = (*errors, LatticeErrorSpec(fine, other, air.twin(self.spectrum)))
+            self.rivals = tuple(o.within(self.spectrum, *cube.spans()) for o in self.rivals)
+        air, every = self._air(setup, cube), tuple(range(self.spectrum.count))
+        parts = self._parts(air, every)
+        errors = self._errors(air, parts[0])
+        other = self._fine(setup, every, turn=1) if errors else None
+        if other is not None:
+            errors = (*errors, LatticeErrorSpec(parts[1], other, air.twin(self.spectrum)))
         return PlannedVariant(
             self.variant.name,
-            self._image(setup, tuple(parts)),
+            self._image(setup, parts),
+            tuple(self._compared(setup, cube, one) for one in self.rivals if one.planes),
             air.expansion,
             errors,
             None if cube is None else NotesSpec(cube),
             self._saved(cube),
             self.settled,
             self.air,
+            self.rivals,
             self.scene,
             self.needs,
             self.shape,
@@ -289,11 +334,11 @@ class _Planner:
             return None
         return SavedCubeSpec(cube, self.air)
 
-    def _errors(self, air: AnyAir, taken: list[Exposure], main: SumSpec) -> tuple[Spec, ...]:
+    def _errors(self, air: AnyAir, main: SumSpec) -> tuple[Spec, ...]:
         """Returns the specs of the error budget, or none if the scene does not ask for it."""
         if not self.scene.numerics.error_budget:
             return ()
-        setup, light = air.setup, air.twin(self.spectrum)
+        setup, light, taken = air.setup, air.twin(self.spectrum), self._taken(air)
         number = _main(taken)
         shape, walked = taken[number].geometry, air.walked(taken[number])
         ends, out = setup.ends(shape), setup.out(shape)
@@ -322,6 +367,11 @@ class _Planner:
         hits = self.shape.frame.array[0] + self.sample.length[:, None] * self.sample.direction
         away = np.linalg.norm(hits - np.array(self.needs.transmitter_m), axis=1)
         return max(longest, float(away.max()))
+
+
+def _even(setup: Setup) -> UniformAir:
+    """Returns mean air, in which a lattice of rays samples surfaces."""
+    return UniformAir(setup, "surfaces in mean air")
 
 
 def _sum(air: AnyAir, taken: list[Exposure], raster: Raster) -> SumSpec:

@@ -14,12 +14,34 @@ Array = NDArray[Any]
 
 
 @dataclass(frozen=True)
+class ModelResult:
+    """What reached the pixels of one image by one absorption model.
+
+    `planes` are the numbers of the image's frequencies at which the model is valid, which are all
+    that `sight` holds.
+    """
+
+    name: str
+    planes: tuple[int, ...]
+    sight: Radiances | Echoes
+
+
+@dataclass(frozen=True)
 class VariantResult:
-    """One image, and what reached its pixels; `image` is None if the sensor failed."""
+    """One image, and what reached its pixels; `image` is None if the sensor failed.
+
+    `compared` holds what would have reached them by the models to compare with.
+    """
 
     name: str
     sight: Radiances | Echoes
     image: Image | None
+    compared: tuple[ModelResult, ...] = ()
+
+    def by_model(self, main: str) -> tuple[ModelResult, ...]:
+        """Returns what reached the pixels by each model, that of the image first."""
+        planes = tuple(range(len(self.sight.frequency_hz)))
+        return ModelResult(main, planes, self.sight), *self.compared
 
     @property
     def radiances(self) -> Radiances:
@@ -66,6 +88,8 @@ class Contents:
     voxel_segments: int
     versions: dict[str, str]
     cubes: tuple[Cube, ...] = ()  # one, or one for each variant
+    models: tuple[str, ...] = ()  # where models are compared: their names, that of the images first
+    spread_shown: bool = False  # whether pictures show how far the models differ
 
     def image_difference(self) -> Array | None:
         """Returns the first image of `difference` less the second, (y, x).

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from thzcl.errors import FileError
-from thzcl.results.contents import Array, Contents, readable
+from thzcl.results import spread
+from thzcl.results.contents import Array, Contents, VariantResult, readable
+from thzcl.sensor import Image
 
 FORMATS = ("png", "pdf", "svg")
 PANEL_INCHES = 3.2
@@ -58,10 +60,9 @@ def picture(result: Contents) -> Any:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    panels, conditions = _panels(result)
+    panels, beside, conditions = _panels(result)
     columns = result.figure_columns or math.ceil(math.sqrt(len(panels)))
-    if any(panel.colours == SPREAD for panel in panels):
-        columns += columns % 2  # each mean beside its spread
+    columns = math.ceil(columns / beside) * beside  # each image beside its spreads
     rows = math.ceil(len(panels) / columns)
     tallest = max(_height_over_width(panel.extent) for panel in panels)
     tall = PANEL_INCHES * min(max(tallest, 0.3), 3.0)
@@ -81,36 +82,49 @@ def picture(result: Contents) -> Any:
     return figure
 
 
-def _panels(result: Contents) -> tuple[list[Panel], list[str]]:
-    """Returns the panels, and the conditions that all of them share, for the heading.
+def _panels(result: Contents) -> tuple[list[Panel], int, list[str]]:
+    """Returns the panels, how many each image has, and the conditions that all of them share.
 
-    Conditions in which the variants differ are in the panels' titles.
+    Conditions are for the heading; those in which the variants differ are in the panels' titles.
     """
     each = zip(result.variants, result.conditions, result.pixel_angles_mrad, strict=True)
     shown = [
-        (variant.name, variant.image, words, _extent(*angles))
+        (variant, variant.image, words, _extent(*angles))
         for variant, words, angles in each
         if variant.image
     ]
     columns = zip(*(words for _, _, words, _ in shown), strict=True)
     shared = [len(set(column)) == 1 for column in columns]
     found = []
-    for name, image, words, extent in shown:
+    for variant, image, words, extent in shown:
         own = [word for word, same in zip(words, shared, strict=True) if not same]
-        title, quantity = _title(name, own), image.quantity
-        found.append(Panel(title, image.values, quantity, image.unit, "gray", extent))
-        if VARIANCE in image.layers:
-            spread = np.sqrt(image.layers[VARIANCE].values)
-            title = _title(name, ["spread over realisations"])
-            deviation = f"standard deviation of {quantity}"
-            found.append(Panel(title, spread, deviation, image.unit, SPREAD, extent))
+        title = _title(variant.name, own)
+        found.append(Panel(title, image.values, image.quantity, image.unit, "gray", extent))
+        found += _spreads(result, variant, image, extent)
+    beside = len(found) // len(shown)
     difference = result.image_difference()
     if difference is not None and result.difference is not None:
         title = _title(" less ".join(result.difference), [])
         quantity = f"difference of {found[0].quantity}"
-        lies = next(extent for name, *_, extent in shown if name == result.difference[0])
+        lies = next(extent for v, *_, extent in shown if v.name == result.difference[0])
         found.append(Panel(title, difference, quantity, found[0].unit, DIVERGING, lies))
-    return found, [word for word, same in zip(shown[0][2], shared, strict=True) if same]
+    return found, beside, [word for word, same in zip(shown[0][2], shared, strict=True) if same]
+
+
+def _spreads(
+    result: Contents, variant: VariantResult, image: Image, extent: Extent
+) -> Iterator[Panel]:
+    """Yields the panels beside an image: its spread over realisations, and that over models."""
+    if VARIANCE in image.layers:
+        deviation = np.sqrt(image.layers[VARIANCE].values)
+        title = _title(variant.name, ["spread over realisations"])
+        quantity = f"standard deviation of {image.quantity}"
+        yield Panel(title, deviation, quantity, image.unit, SPREAD, extent)
+    if result.spread_shown and result.models:
+        values, quantity, unit = spread.image(variant)
+        main, *others = (one.name for one in variant.by_model(result.models[0]))
+        title = _title(variant.name, [f"spread over {main}", *others])
+        yield Panel(title, values, quantity, unit, SPREAD, extent)
 
 
 def _title(name: str, conditions: Sequence[str]) -> str:

@@ -6,7 +6,7 @@ thzcl.sensor.RESERVED_NAMES lists the names of its variables and dimensions.
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -14,6 +14,7 @@ import numpy as np
 
 from thzcl.files import Patient
 from thzcl.results.contents import Array, Contents, Cube, readable
+from thzcl.results.spread import signal
 from thzcl.sensor import Echoes, Image, Radiances
 
 PLANE = ("y", "x")
@@ -79,7 +80,9 @@ def coordinates(result: Contents) -> dict[str, Variable]:
     """Returns the coordinates: variants, frequencies in GHz, pixels and their angles in mrad."""
     names = np.array([variant.name for variant in result.variants], dtype=object)
     columns, rows = (list(angles) for angles in zip(*result.pixel_angles_mrad, strict=True))
+    models = np.array(result.models, dtype=object)
     return {
+        **({"model": Variable(("model",), models, {})} if result.models else {}),
         "variant": Variable(("variant",), names, {}),
         **_frequencies(result),
         "y": _coordinate("y", np.arange(len(rows[0])), "1", "pixel row, 0 at the top"),
@@ -113,14 +116,14 @@ def variables(result: Contents) -> dict[str, Variable]:
     sights = [variant.sight for variant in result.variants]
     passive = [sight for sight in sights if isinstance(sight, Radiances)]
     kind = np.result_type(*(sight.optical_depth for sight in sights))
-    depths = [(0.0, sight.optical_depth) for sight in sights]
     active = isinstance(sights[0], Echoes)
     depth = "optical depth, out and back" if active else "optical depth to the end of the ray"
     length = {"units": "m", "long_name": "length of the ray"}
     images = [variant.image for variant in result.variants if variant.image is not None]
     found = {
         **_radiometric(passive, kind),
-        "optical_depth": _spectral(depths, "1", depth, kind),
+        **(_contrast(result, kind) if passive else {}),
+        "optical_depth": _by_model(result, _depth, _pixel_attrs("1", depth), kind),
         "path_length": _shared([sight.path_length for sight in sights], length),
         "target": _shared([sight.target for sight in sights], _flags(result.targets)),
         **(_images(images, kind) if len(images) == len(sights) else {}),
@@ -133,16 +136,41 @@ def _radiometric(passive: list[Radiances], kind: Any) -> dict[str, Variable]:
     if not passive:
         return {}
     radiances = [(s.air_radiance[:, None, None], s.contrast) for s in passive]
-    kelvins = [s.brightness_temperature_contrast for s in passive]
-    absolute = [(s.air_temperature_k, kelvin) for s, kelvin in zip(passive, kelvins, strict=True)]
-    above = "brightness temperature above the mean air's"
+    absolute = [(s.air_temperature_k, s.brightness_temperature_contrast) for s in passive]
     return {
         "radiance": _spectral(radiances, "W m-2 sr-1 Hz-1", "spectral radiance", kind),
         "brightness_temperature": _spectral(absolute, "K", "brightness temperature", kind),
-        "brightness_temperature_contrast": _spectral(
-            [(0.0, kelvin) for kelvin in kelvins], "K", above, kind
-        ),
     }
+
+
+def _contrast(result: Contents, kind: Any) -> dict[str, Variable]:
+    """Returns the contrast of a passive sensor's pixels."""
+    attrs = _pixel_attrs("K", "brightness temperature above the mean air's")
+    return {"brightness_temperature_contrast": _by_model(result, signal, attrs, kind)}
+
+
+def _depth(sight: Radiances | Echoes) -> Array:
+    """Returns the optical depth, (frequency, y, x)."""
+    return sight.optical_depth
+
+
+def _by_model(
+    result: Contents, of: Callable[[Radiances | Echoes], Array], attrs: dict[str, Any], kind: Any
+) -> Variable:
+    """Returns a variable (variant, frequency, y, x), for each model where several are compared.
+
+    `of` gives its values for what reached the pixels of one image. They are NaN where a model is
+    not valid.
+    """
+    models = result.models or ("",)
+    planes = of(result.variants[0].sight).shape
+    stored = np.full((len(models), len(result.variants), *planes), np.nan, kind)
+    for number, variant in enumerate(result.variants):
+        for one in variant.by_model(models[0]):
+            stored[models.index(one.name), number, list(one.planes)] = of(one.sight)
+    if result.models:
+        return Variable(("model", "variant", *SPECTRAL), stored, attrs)
+    return Variable(("variant", *SPECTRAL), stored[0], attrs)
 
 
 def _spectral(sums: list[tuple[Any, Array]], units: str, name: str, kind: Any) -> Variable:

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from thzcl.results.contents import Array, Contents, VariantResult
+from thzcl.results.contents import Array, Contents, ModelResult, VariantResult
 from thzcl.sensor import Radiances
 
 
@@ -22,19 +22,30 @@ def summary(result: Contents) -> dict[str, Any]:
         "warnings": list(result.warnings),
         "error_budget": result.error_budget,
         "voxel_segments": result.voxel_segments,
-        "variants": [_of_variant(variant, result.targets) for variant in result.variants],
+        "variants": [_of_variant(variant, result) for variant in result.variants],
     }
 
 
-def _of_variant(variant: VariantResult, names: tuple[str, ...]) -> dict[str, Any]:
-    """Returns the summary of one variant: its targets, and facts about its image."""
-    facts = variant.image.facts if variant.image else {}
+def _of_variant(variant: VariantResult, result: Contents) -> dict[str, Any]:
+    """Returns the summary of one variant: its targets, facts about its image, and its models."""
+    facts, names = variant.image.facts if variant.image else {}, result.targets
     valued = {name: {"value": value, "unit": unit} for name, (value, unit) in facts.items()}
-    return {"name": variant.name, "targets": target_table(variant, names), "facts": valued}
+    targets = target_table(variant, names)
+    found = {"name": variant.name, "targets": targets, "facts": valued}
+    if not variant.compared:
+        return found
+    main, *others = variant.by_model(result.models[0])
+    tables = {main.name: targets} | {one.name: target_table(one, names) for one in others}
+    frequencies = {one.name: (one.sight.frequency_hz / 1e9).tolist() for one in (main, *others)}
+    by_model = {
+        name: {"targets": table, "frequency_ghz": frequencies[name]}
+        for name, table in tables.items()
+    }
+    return found | {"models": by_model}
 
 
 def target_table(
-    variant: VariantResult, names: tuple[str, ...]
+    variant: VariantResult | ModelResult, names: tuple[str, ...]
 ) -> dict[str, dict[str, float | None]]:
     """Returns, by the target's name, its number of pixels and means over them and all frequencies.
 

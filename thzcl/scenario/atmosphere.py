@@ -147,6 +147,9 @@ class Atmosphere(Table):
     model_file: str | None = key(
         None, min_length=1, help='NetCDF file of a model that is a table, as "table"'
     )
+    compare: tuple[str, ...] = key(
+        (), help="other gases by which contrast and depth are told too; the image is model's"
+    )
     fluctuations: Fluctuations | None = key(
         None, help="turbulence; leave the table out for uniform air"
     )
@@ -154,8 +157,16 @@ class Atmosphere(Table):
     @property
     def air(self) -> Air:
         """Returns the mean air with its constituents, whose tables must be sound."""
-        tables = self.model_extra or {}
-        return self._holding(parts(self.model, self.model_file, tables))
+        return self._of(self.model)
+
+    @property
+    def compared(self) -> dict[str, Air]:
+        """Returns the same air by each model to compare with, by the model's name."""
+        return {model: self._of(model) for model in self.compare}
+
+    def _of(self, model: str) -> Air:
+        """Returns the air whose gas is that of a model."""
+        return self._holding(parts(model, self.model_file, self.model_extra or {}))
 
     def _holding(self, constituents: tuple[Part, ...]) -> Air:
         """Returns air of the mean state."""

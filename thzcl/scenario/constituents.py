@@ -18,7 +18,7 @@ from thzcl.constituent import Constituent
 from thzcl.errors import PluginError
 from thzcl.plugins import guard, loader
 from thzcl.plugins.names import suggest
-from thzcl.scenario.problems import Trouble, shown, validate
+from thzcl.scenario.problems import Path, Trouble, shown, validate
 
 
 def parts(model: str, model_file: str | None, tables: Mapping[str, Any]) -> tuple[Part, ...]:
@@ -27,7 +27,7 @@ def parts(model: str, model_file: str | None, tables: Mapping[str, Any]) -> tupl
     `tables` holds the tables of constituents by name. Raises PluginError or PluginFailure.
     """
     gas = part(model, _with_file(constituent_class(model), tables.get(model, {}), model_file))
-    others = sorted(name for name in tables if name != model)
+    others = sorted(name for name in tables if not constituent_class(name).gas)
     return gas, *(part(name, tables[name]) for name in others)
 
 
@@ -50,27 +50,54 @@ def troubles(table: Any, model: str, keys: Collection[str]) -> list[Trouble]:
     if not isinstance(table, Mapping):
         return []  # the scene's own check says so
     tables = {name: value for name, value in table.items() if name not in keys}
-    model = table.get("model", model)
-    found = [trouble for name in tables for trouble in _other(name, tables, model, keys)]
-    return [*_gas(model, table, tables), *found] if isinstance(model, str) else found
+    used = _used(table, model)
+    found = [trouble for name in tables for trouble in _other(name, tables, used, keys)]
+    gases: dict[str, type[Constituent]] = {}
+    for path, name in used.items():
+        wrong = _misnamed(name, gases)
+        if wrong is None:
+            gases[name] = constituent_class(name)
+            found += _gas(name, table.get("model_file"), tables)
+        else:
+            found.append(Trouble(path, wrong))
+    if table.get("model_file") is not None and gases and len(gases) == len(used):
+        found += _unread(gases, model=table.get("model", model))
+    return found
 
 
-def _gas(model: str, table: Mapping[str, Any], tables: Mapping[str, Any]) -> Iterator[Trouble]:
-    """Yields what is wrong with the gas: with its name, its file, and its parameters."""
+def _used(table: Mapping[str, Any], model: str) -> dict[Path, str]:
+    """Returns the names of the gases in use, the main one first, by where they stand."""
+    compared = table.get("compare", ())
+    used: dict[Path, Any] = {("model",): table.get("model", model)}
+    if isinstance(compared, list | tuple):
+        used |= {("compare", place): name for place, name in enumerate(compared)}
+    return {path: name for path, name in used.items() if isinstance(name, str)}
+
+
+def _misnamed(name: str, among: Collection[str]) -> str | None:
+    """Returns why there is no gas of a name to be used beside others, or None if there is one."""
     try:
-        kind = constituent_class(model)
+        kind = constituent_class(name)
     except PluginError as error:
-        yield Trouble(("model",), str(error))
-        return
+        return str(error)
     if not kind.gas:
-        text = f'"{model}" is no gas, and joins any model by a table [atmosphere.{model}]'
-        yield Trouble(("model",), f"{text}; choose another model")
-        return
-    file, own, keys = table.get("model_file"), tables.get(model, {}), file_keys(kind.Params)
-    if file is not None and not keys:
+        text = f'"{name}" is no gas, and joins any model by a table [atmosphere.{name}]'
+        return f"{text}; choose another model"
+    return f'"{name}" is there already; name each model once' if name in among else None
+
+
+def _unread(gases: Mapping[str, type[Constituent]], model: str) -> Iterator[Trouble]:
+    """Yields that none of the gases reads model_file, if so."""
+    if not any(file_keys(kind.Params) for kind in gases.values()):
         text = f'is read by a model that is a table, and not by "{model}"'
         yield Trouble(("model_file",), f"{text}; remove it or change model")
-    elif file is not None and keys[0] in own:
+
+
+def _gas(model: str, file: Any, tables: Mapping[str, Any]) -> Iterator[Trouble]:
+    """Yields what is wrong with a gas' parameters, of which model_file may give one."""
+    kind, own = constituent_class(model), tables.get(model, {})
+    keys = file_keys(kind.Params)
+    if file is not None and keys and keys[0] in own:
         yield Trouble(("model_file",), f"give only one of model_file and {model}.{keys[0]}")
     elif isinstance(own, Mapping):
         for trouble in _checked(model, kind, _with_file(kind, own, file)):
@@ -79,7 +106,7 @@ def _gas(model: str, table: Mapping[str, Any], tables: Mapping[str, Any]) -> Ite
 
 
 def _other(
-    name: str, tables: Mapping[str, Any], model: Any, keys: Collection[str]
+    name: str, tables: Mapping[str, Any], used: Mapping[Any, str], keys: Collection[str]
 ) -> Iterator[Trouble]:
     """Yields what is wrong with one more key of [atmosphere]: a constituent's table, or unknown."""
     known = {origin.name for origin in loader.origins(HOOK)}
@@ -96,7 +123,7 @@ def _other(
         return
     if not isinstance(tables[name], Mapping):
         yield Trouble((name,), f"must be a table, not {shown(tables[name])}")
-    elif kind.gas and name != model:
+    elif kind.gas and name not in used.values():
         text = f'is the table of a gas that is not in use; remove it, or set model = "{name}"'
         yield Trouble((name,), text)
     elif not kind.gas:

@@ -226,6 +226,9 @@ class Output(Table):
     difference: tuple[str, str] | None = key(
         None, help="two variants whose images' difference is shown and stored too"
     )
+    model_spread: bool = key(
+        False, help="show beside each image how far apart the models of [atmosphere] compare are"
+    )
 
 
 class SensorChoice(Table):
@@ -256,6 +259,9 @@ class Scene(Table):
             text = f"the camera is at z = {height:g} m, not above the ground (z = 0)"
             remedy = "raise it or remove [ground]"
             found.append(Trouble(("camera", "position_m"), f"{text}; {remedy}"))
+        if self.output.model_spread and not self.atmosphere.compare:
+            text = "needs models to compare with: [atmosphere] compare"
+            found.append(Trouble(("output", "model_spread"), text))
         taken = [name for name in ("background", "ground") if name in self.targets]
         text = "names another part of the scene; choose another name"
         return found + [Trouble(("targets", name), f'"{name}" {text}') for name in taken]

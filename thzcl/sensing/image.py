@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from thzcl.air import radiometry
+from thzcl.air.expansion import Expansion, ExpansionSpec, TrimmedSpec
 from thzcl.device.opencl import Device
 from thzcl.errors import PluginFailure
 from thzcl.graph import LeftOut, Memory, Spec, Values, Work, frozen
@@ -73,7 +74,7 @@ class ImageSpec(Spec):
     def run(self, device: Device, pixels: Pixels, places: Places) -> Recorded:
         """Returns what reached the sensor, and its image or what went wrong."""
         del device
-        sight = self._sight(pixels, places)
+        sight = _sight(self, pixels, places)
         hole = _hole(sight, self.places.ends.geometry.frame, self.places.ends.geometry.raster)
         if hole:
             return Recorded(sight, None, f"{self.name}: {hole}; please report the scene")
@@ -86,25 +87,6 @@ class ImageSpec(Spec):
             return Recorded(sight, None, f"{self.name}: {failure}")
         return Recorded(sight, image, None)
 
-    def _sight(self, pixels: Pixels, places: Places) -> Sight:
-        nodes, precision = self.spectrum.nodes_hz.array, self.precision
-        common = (
-            np.asarray(self.spectrum.planes(nodes)),
-            np.asarray(pixels.depth, precision),
-            np.asarray(places.path_length, precision),
-            places.target,
-            None if places.cosine is None else np.asarray(places.cosine, precision),
-            self.pixel_sr,
-            nodes,
-            self.spectrum.asked(),
-        )
-        if isinstance(self.sources, Emission):
-            air_k = self.sources.air_k
-            air = np.asarray(self.spectrum.planes(radiometry.planck(nodes, air_k)))
-            return Radiances(*common, pixels.contrast, air, air_k)
-        outgoing = np.asarray(places.outgoing_length, precision)
-        return Echoes(*common, pixels.contrast, outgoing)
-
     def describe(self) -> dict[str, Work | LeftOut]:
         """Returns whether noise is drawn."""
         drawn = Work("", "drawn by the sensor, from the seed")
@@ -114,6 +96,67 @@ class ImageSpec(Spec):
         """Returns the planes of what reaches the sensor, and of its image."""
         height, width = self.pixels.steps.pixels
         return Memory((8 * height * width * (self.spectrum.count + 2),))
+
+
+@dataclass(frozen=True)
+class Compared:
+    """What reached the pixels by a model to compare with.
+
+    `planes` are the numbers of the image's planes at which the model is valid, and `error` is that
+    of its fit, relative to the mean air's absorption.
+    """
+
+    model: str
+    planes: tuple[int, ...]
+    sight: Sight
+    error: float
+
+
+@frozen
+class ComparedSpec(Spec):
+    """What reaches the pixels if a model to compare with says what the gas absorbs."""
+
+    model: str
+    planes: tuple[int, ...]
+    pixels: PixelsSpec
+    places: PlacesSpec
+    expansion: ExpansionSpec | TrimmedSpec
+    sources: Sources
+    spectrum: Spectrum  # of these planes
+    pixel_sr: float  # solid angle of a pixel at the image centre
+    reads = ("pixels", "places", "expansion")
+    stage = "shading"
+
+    def run(self, device: Device, pixels: Pixels, places: Places, expansion: Expansion) -> Compared:
+        """Returns what reached the pixels."""
+        del device
+        return Compared(self.model, self.planes, _sight(self, pixels, places), expansion.error)
+
+    def memory(self) -> Memory:
+        """Returns the planes of what reaches the pixels."""
+        height, width = self.pixels.steps.pixels
+        return Memory((8 * height * width * self.spectrum.count,))
+
+
+def _sight(image: ImageSpec | ComparedSpec, pixels: Pixels, places: Places) -> Sight:
+    """Returns what reaches the pixels of an image, as sensors take it."""
+    spectrum, sources, precision = image.spectrum, image.sources, image.places.ends.precision
+    nodes = spectrum.nodes_hz.array
+    common = (
+        np.asarray(spectrum.planes(nodes)),
+        np.asarray(pixels.depth, precision),
+        np.asarray(places.path_length, precision),
+        places.target,
+        None if places.cosine is None else np.asarray(places.cosine, precision),
+        image.pixel_sr,
+        nodes,
+        spectrum.asked(),
+    )
+    if isinstance(sources, Emission):
+        air = np.asarray(spectrum.planes(radiometry.planck(nodes, sources.air_k)))
+        return Radiances(*common, pixels.contrast, air, sources.air_k)
+    outgoing = np.asarray(places.outgoing_length, precision)
+    return Echoes(*common, pixels.contrast, outgoing)
 
 
 def _hole(sight: Sight, frame: Values, rays: Raster) -> str | None:

@@ -29,6 +29,14 @@ class Frequencies:
         """Returns how many planes an image has."""
         return self.nodes_hz.shape[0]
 
+    def nodes_of(self, plane: int) -> Array:
+        """Returns the frequencies that a plane is made of, (node,) in Hz."""
+        return np.asarray(self.nodes_hz.array[plane : plane + 1])
+
+    def only(self, planes: tuple[int, ...]) -> Frequencies:
+        """Returns the frequencies of some planes alone."""
+        return Frequencies(Values.of(self.nodes_hz.array[list(planes)]))
+
     def planes(self, values: Any) -> Any:
         """Returns values by frequency, (frequency, ...), as they are."""
         return values
@@ -82,6 +90,16 @@ class Bands:
     def weights(self) -> Array:
         """Returns the weights with rows of sum 1, (band, frequency)."""
         return np.asarray(self.given.array / self.given.array.sum(axis=1, keepdims=True))
+
+    def nodes_of(self, plane: int) -> Array:
+        """Returns the frequencies that a plane is made of, (node,) in Hz."""
+        return np.asarray(self.nodes_hz.array[self.given.array[plane] != 0])
+
+    def only(self, planes: tuple[int, ...]) -> Bands:
+        """Returns some of the bands alone, with the frequencies that they are made of."""
+        given = self.given.array[list(planes)]
+        used = (given != 0).any(axis=0)
+        return Bands(Values.of(self.nodes_hz.array[used]), Values.of(given[:, used]))
 
     def planes(self, values: Any) -> Any:
         """Returns the bands' means of values by frequency, (frequency, ...) to (band, ...)."""

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from thzcl.results.contents import VariantResult
 from thzcl.sensor import Echoes, Image, Layer, Radiances
 
 Array = NDArray[Any]
@@ -49,44 +50,70 @@ class Running:
         return np.asarray(self._squares / max(self.count - 1, 1))
 
 
+class MeanSight:
+    """The mean of what reached the pixels."""
+
+    def __init__(self) -> None:
+        self._signal, self._depth = Running(), Running()
+        self._last: Radiances | Echoes | None = None
+
+    def add(self, sight: Radiances | Echoes) -> None:
+        """Adds one realisation."""
+        self._signal.add(sight.returned if isinstance(sight, Echoes) else sight.contrast)
+        self._depth.add(sight.optical_depth)
+        self._last = sight
+
+    def mean(self) -> Radiances | Echoes:
+        """Returns the mean. It must not be called before a realisation has been added."""
+        assert self._last is not None  # noqa: S101 (see above)
+        sight, kind = self._last, self._last.optical_depth.dtype
+        signal, depth = (plane.mean.astype(kind) for plane in (self._signal, self._depth))
+        if isinstance(sight, Echoes):
+            return replace(sight, optical_depth=depth, returned=signal)
+        return replace(sight, optical_depth=depth, contrast=signal)
+
+
 class Ensemble:
-    """The statistics of the images of one variant, and of what reached its pixels."""
+    """The statistics of one variant: of its images, and of what reached the pixels by any model."""
 
     def __init__(self) -> None:
         self._planes: dict[str, Running] = {}
-        self._last: tuple[Radiances | Echoes, Image] | None = None
+        self._sights: list[MeanSight] = []
+        self._last: VariantResult | None = None
 
-    def add(self, sight: Radiances | Echoes, image: Image) -> None:
-        """Adds one realisation to the statistics."""
-        signal = sight.returned if isinstance(sight, Echoes) else sight.contrast
-        planes = {"signal": signal, "depth": sight.optical_depth, "image": image.values}
+    def add(self, variant: VariantResult) -> None:
+        """Adds one realisation to the statistics; its image must be there."""
+        image, compared = variant.image, (one.sight for one in variant.compared)
+        assert image is not None  # noqa: S101 (see above)
+        self._sights = self._sights or [MeanSight() for _ in range(1 + len(variant.compared))]
+        for running, sight in zip(self._sights, (variant.sight, *compared), strict=True):
+            running.add(sight)
+        planes = {"image": image.values}
         planes |= {f"layer {name}": layer.values for name, layer in image.layers.items()}
         for name, values in planes.items():
             self._planes.setdefault(name, Running()).add(values)
-        self._last = sight, image
+        self._last = variant
 
-    def mean(self) -> tuple[Radiances | Echoes, Image]:
-        """Returns the mean of what reached the pixels, and the mean image.
+    def mean(self) -> VariantResult:
+        """Returns the variant with the mean of what reached the pixels, and the mean image.
 
         The image has its variance and its spread over the realisations as layers. It must not be
         called before a realisation has been added.
         """
         assert self._last is not None  # noqa: S101 (see above)
-        sight, image = self._last
-        kind = sight.optical_depth.dtype
+        assert self._last.image is not None  # noqa: S101 (see above)
+        variant, image = self._last, self._last.image
         means = {name: plane.mean for name, plane in self._planes.items()}
-        signal, depth = (means[name].astype(kind) for name in ("signal", "depth"))
-        if isinstance(sight, Echoes):
-            average: Radiances | Echoes = replace(sight, optical_depth=depth, returned=signal)
-        else:
-            average = replace(sight, optical_depth=depth, contrast=signal)
         layers = {
             name: replace(layer, values=means[f"layer {name}"])
             for name, layer in image.layers.items()
         }
-        return average, replace(
-            image, values=means["image"], layers=layers | self._statistics(image), facts={}
-        )
+        layers |= self._statistics(image)
+        sight, *others = (running.mean() for running in self._sights)
+        pairs = zip(variant.compared, others, strict=True)
+        compared = tuple(replace(one, sight=other) for one, other in pairs)
+        mean = replace(image, values=means["image"], layers=layers, facts={})
+        return replace(variant, sight=sight, image=mean, compared=compared)
 
     def _statistics(self, image: Image) -> dict[str, Layer]:
         """Returns the variance of the image, and its largest less its smallest value, as layers."""

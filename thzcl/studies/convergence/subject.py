@@ -41,14 +41,15 @@ class Subject:
     allow_outside: bool = False
 
     def plan_with(self, changes: Mapping[str, Any]) -> Plan:
-        """Returns the plan with some settings of the scene changed."""
-        return pipeline.prepare(
+        """Returns the plan with some settings of the scene changed, of the main models alone."""
+        plan = pipeline.prepare(
             self.source,
             {**self.settings, **changes},
             self.variants,
             allow_outside=self.allow_outside,
             seed=SEED,
         )
+        return plan.alone()
 
     @cached_property
     def plan(self) -> Plan:
