@@ -33,6 +33,7 @@ COMMANDS = {
     "figure5": f"{SPECTRUM} 100:1000:1 --figure figure5.png",
     "attenuation-temperature": f"{SPECTRUM} 350,650,850 --temperature-k 253.15:313.15:1 "
     "--figure attenuation-temperature.png",
+    "models": "thzcl absorption --validation --figure models.png",
     "figure6-convergence": "thzcl convergence figure6",
     "figure7-convergence": "thzcl convergence figure7",
     **{

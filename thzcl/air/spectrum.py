@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from pathlib import Path
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -29,8 +29,6 @@ COLUMNS = (
     "total_per_m",
 )
 PARTS = ("dry", "vapour")  # of the absorption, where the model tells them apart
-LABELS = {"frequency_ghz": "frequency / GHz", "temperature_k": "temperature / K"}
-MOST_NAMED = 12  # lines in a legend
 
 
 def values(text: str) -> Array:
@@ -103,6 +101,59 @@ def records(
     return [dict(zip(COLUMNS, row, strict=True)) for row in zip(*listed, strict=True)]
 
 
+def by_model(
+    frequency_ghz: Array,
+    temperature_k: Array,
+    pressure_hpa: float,
+    gases: Sequence[Part],
+    given: str,
+    amount: float,
+) -> tuple[list[Record], list[str]]:
+    """Returns the records of several gases, each with its name as `model`, and notes.
+
+    The first must be valid everywhere. Others are left out where they are not, with a note. Raises
+    what `records` raises.
+    """
+    air = temperature_k, pressure_hpa
+    rows: list[Record] = []
+    told: list[str] = []
+    for number, gas in enumerate(gases):
+        ghz = frequency_ghz
+        if number > 0:
+            vapour = np.array([row["vapour_pressure_hpa"] for row in rows])
+            whys = [_lacking(gas, one, *air, vapour) for one in frequency_ghz]
+            ghz = frequency_ghz[[why is None for why in whys]]
+            told += left_out(f'"{gas.name}" is', [why for why in whys if why], len(whys))
+        if len(ghz):
+            found = records(ghz, *air, gas, given, amount)
+            rows += [{"model": gas.name, **row} for row in found]
+            told += notes(ghz, *air, gas)
+    return rows, told
+
+
+def _lacking(
+    gas: Part, frequency_ghz: float, temperature_k: Array, pressure_hpa: float, vapour_hpa: Array
+) -> str | None:
+    """Returns in words what a gas is not valid for, or None if it is for all."""
+    limited = composition.made(gas).limited
+    asked = validity.ranges(
+        limited,
+        frequency_ghz=frequency_ghz,
+        temperature_k=temperature_k,
+        pressure_hpa=pressure_hpa,
+        vapour_hpa=vapour_hpa,
+    )
+    return composition.lacking(gas, asked)
+
+
+def left_out(what: str, whys: Sequence[str], count: int) -> list[str]:
+    """Returns a note on what is left out at as many of `count` frequencies as there are reasons."""
+    if not whys:
+        return []
+    where = "" if len(whys) == count else f" at {len(whys)} of {count} frequencies"
+    return [f"{what} left out{where}: {whys[0]}"]
+
+
 def notes(frequency_ghz: Array, temperature_k: Array, pressure_hpa: float, gas: Part) -> list[str]:
     """Returns what to tell of frequencies and states for which a gas extrapolates."""
     made = composition.made(gas)
@@ -113,58 +164,3 @@ def notes(frequency_ghz: Array, temperature_k: Array, pressure_hpa: float, gas: 
         pressure_hpa=pressure_hpa,
     )
     return validity.notes(gas.name, made.valid, asked)
-
-
-def figure(rows: list[Record], path: Path) -> None:
-    """Writes a PNG of the attenuation of moist and dry air.
-
-    Its abscissa is frequency or temperature, whichever has more values. Figure 5 of O'Brien and
-    Tofsted shows 100 to 1000 GHz at 288.15 K and 50 % relative humidity.
-    """
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    frequencies, temperatures = ({row[key] for row in rows} for key in COLUMNS[:2])
-    along, each = COLUMNS[:2] if len(frequencies) >= len(temperatures) else COLUMNS[1::-1]
-    picture = Figure(figsize=(8, 5), layout="constrained")
-    FigureCanvasAgg(picture)
-    axes = picture.subplots()
-    lines = sorted({row[each] for row in rows})
-    for number, value in enumerate(lines):
-        chosen = [row for row in rows if row[each] == value]
-        colour, label = (
-            f"C{number % 10}",
-            f"{value:g} {'K' if each == 'temperature_k' else 'GHz'}, {_moisture(chosen)}",
-        )
-        x, moist, dry = (
-            [row[key] for row in chosen] for key in (along, "total_db_km", "dry_db_km")
-        )
-        axes.plot(
-            x, moist, color=colour, label=label if number < MOST_NAMED else None, linewidth=1.2
-        )
-        if None not in dry:
-            axes.plot(
-                x,
-                dry,
-                "--",
-                color=colour,
-                label="dry part" if number == len(lines) - 1 else None,
-                linewidth=1.2,
-            )
-    axes.set(xlabel=LABELS[along], ylabel="specific attenuation / dB/km", yscale="log")
-    axes.set_title(f"{rows[0]['pressure_hpa']:g} hPa", fontsize=10)
-    axes.grid(alpha=0.3, which="both")
-    axes.legend(fontsize=8)
-    picture.savefig(path, dpi=150, format="png")
-
-
-def _moisture(rows: list[Record]) -> str:
-    """Returns the humidity, in the first form that is the same in all rows, with its unit."""
-    units = {
-        "relative_humidity_percent": "% RH",
-        "absolute_humidity_g_m3": "g/m³",
-        "vapour_pressure_hpa": "hPa of vapour",
-    }
-    spreads = {key: np.ptp([row[key] for row in rows]) / max(rows[0][key], 1e-30) for key in units}
-    key = min(spreads, key=lambda key: float(spreads[key]) > 1e-9)
-    return f"{rows[0][key]:.3g} {units[key]}"

@@ -46,8 +46,8 @@ class Rival:
         missing = count - len(self.planes)
         if not missing:
             return None
-        where = f"left out at {missing} of {count} frequencies" if self.planes else "left out"
-        return f'compare = "{self.model}" is {where}: {self.why}'
+        where = f" at {missing} of {count} frequencies" if self.planes else ""
+        return f'compare = "{self.model}" is left out{where}: {self.why}'
 
 
 def rivals(compared: Mapping[str, Air], spectrum: Spectrum) -> tuple[Rival, ...]:
