@@ -9,7 +9,7 @@ import numpy as np
 import oracle
 import pytest
 
-from thzcl.air import humidity, spectrum
+from thzcl.air import humidity, spectrum, spectrum_figure
 from thzcl.air.composition import part
 from thzcl.air.constituents.mpm93 import attenuation
 from thzcl.air.expansion import fit
@@ -223,7 +223,7 @@ def test_the_picture_runs_along_what_has_more_values(tmp_path, monkeypatch):
         (values("100:1000:10"), np.array([288.15])),
         (np.array([350.0, 650.0]), values("253:313:10")),
     ):
-        spectrum.figure(
+        spectrum_figure.draw(
             spectrum.records(ghz, kelvin, 1013.25, part("mpm93"), MOIST, 50.0),
             tmp_path,
         )

@@ -10,6 +10,7 @@ from copy import deepcopy
 import h5netcdf
 import numpy as np
 import pytest
+from conftest import ROOT
 from scenes import ACTIVE, BROAD, DRIFTING, MOIST, run, scene, write
 from test_air_tables import save
 from test_pairs import bits
@@ -20,7 +21,7 @@ from thzcl.graph import evaluate
 from thzcl.paths.specs import TraceSpec
 from thzcl.plan import report
 from thzcl.results.figure import picture
-from thzcl.results.spread import signal
+from thzcl.results.spread import DECIBELS, signal
 from thzcl.sensing.image import ComparedSpec
 from thzcl.studies.convergence.subject import Subject
 
@@ -416,3 +417,42 @@ def test_a_picture_can_show_how_far_the_models_differ(tmp_path, sensor):
         assert shown == pytest.approx(np.ptp(values, axis=0)[0], abs=1e-5)
     quiet = run(tmp_path, comparing(changes), settings={"output.model_spread": False})
     assert len([axes for axes in picture(quiet).axes if axes.get_title()]) == 2
+
+
+@pytest.mark.slow
+def test_readme_tells_what_the_choice_does_to_the_papers_figures():
+    """Each row of its table, from runs of the scenes as they are shipped."""
+    told = (ROOT / "README.md").read_text(encoding="utf-8")
+    cell = r" \| (-?[\d.]+)[^|]*"
+    rows = re.findall(rf"^\| (.*?){cell}{cell}{cell}\|$", told, re.MULTILINE)
+    table = {words: [float(number) for number in numbers] for words, *numbers in rows}
+    settings = {"atmosphere.compare": OTHERS, "numerics.error_budget": False}
+    six, nine = (
+        pipeline.run(name, settings=settings, figure=False) for name in ("figure6", "figure9")
+    )
+
+    def by_model(result, variant, target, key):
+        variants = {one["name"]: one for one in result.summary()["variants"]}
+        models = variants[variant]["models"].values()
+        return np.array([one["targets"][target][key] for one in models])
+
+    cold, warm = "(a) 263 K", "(f) 278 K"
+    box = by_model(six, cold, "box", "mean_contrast_k")
+    ground = by_model(six, cold, "ground", "mean_contrast_k")
+    due = {
+        "figure 6: transmission to the box": by_model(six, cold, "box", "transmission"),
+        "contrast of the box to the air, box of 263 K": box,
+        "box of 278 K": by_model(six, warm, "box", "mean_contrast_k"),
+        "contrast of the box to the ground, box of 263 K": box - ground,
+    }
+    first = "figure 9: loss out and back to the subject, "
+    for climate in ("40 m, 20 °C, 44 % RH", "80 m, 43 °C, 30 % RH", "80 m, 35 °C, 90 % RH"):
+        depth = by_model(nine, climate, "subject", "optical_depth")
+        due[first + climate if climate.startswith("40") else climate] = DECIBELS * depth
+    wettest = nine.variants[-1].by_model("mpm93")
+    brightest = [10 * np.log10(float(one.sight.returned.max())) + 50 for one in wettest]
+    due["its brightest pixel there, over the floor"] = np.array(brightest)
+    assert set(due) <= set(table)
+    for words, numbers in due.items():
+        last = 10.0 ** -len(re.search(rf"{re.escape(words)} \| -?\d+\.(\d+)", told)[1])
+        assert table[words] == pytest.approx(numbers, abs=0.6 * last), words

@@ -14,7 +14,7 @@ from packages import ODD, install, plugin, prepare
 from scenes import BROAD, MOIST, scene, write
 
 from thzcl import pipeline
-from thzcl.air import spectrum
+from thzcl.air import spectrum, spectrum_figure
 from thzcl.air.composition import HOOK, gases, part
 from thzcl.air.mean import Air
 from thzcl.constituent import OpticalProperties, Span
@@ -153,7 +153,7 @@ def test_an_absorption_without_parts_has_no_dry_one(odd, tmp_path):
     rows = spectrum.records(*state, "vapour_pressure_hpa", 8.0)
     assert [row["dry_db_km"] for row in rows] == [None, None]
     assert [row["total_per_m"] for row in rows] == [1e-3, 1e-3]
-    spectrum.figure(rows, tmp_path / "a.png")
+    spectrum_figure.draw(rows, tmp_path / "a.png")
     assert (tmp_path / "a.png").stat().st_size > 0
 
 

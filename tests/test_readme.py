@@ -6,6 +6,7 @@ import re
 import shlex
 from typing import Annotated, Literal
 
+import air_page
 import gallery
 import keys
 import pytest
@@ -23,7 +24,7 @@ from thzcl.studies.stress.cases import cases
 README = ROOT / "README.md"
 SPEED = ROOT / "tests" / "bench" / "README.md"
 RECORDS = ROOT / "thzcl" / "records" / "README.md"
-PAGES = (README, gallery.PAGE, keys.PAGE, SPEED, RECORDS)
+PAGES = (README, gallery.PAGE, keys.PAGE, SPEED, RECORDS, air_page.PAGE)
 PICTURE = re.compile(r"!\[[^\]]+\]\(([^)]+)\)")
 LINK = re.compile(r"(?<!!)\[[^\]]+\]\(([^)]+)\)")
 
@@ -138,6 +139,10 @@ def test_a_scene_speaks_in_the_gallery_for_itself():
 def test_the_page_of_keys_is_made_of_the_models():
     """`python tests/keys.py` writes it."""
     assert text(keys.PAGE) == keys.page()
+
+
+def test_the_page_of_the_air_is_made_of_the_models():
+    assert text(air_page.PAGE) == air_page.page()
 
 
 @pytest.mark.parametrize("name", shipped())

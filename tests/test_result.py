@@ -327,7 +327,7 @@ def test_every_name_in_the_file_is_reserved(tmp_path):
         own = set().union(*(variant.image.layers for variant in result.variants))
         with h5netcdf.File(path) as file:
             names |= {*file.variables, *file.dimensions} - (own - STATISTICS)
-    assert names == RESERVED_NAMES - {"time", "model"}
+    assert names == RESERVED_NAMES - {"time"}
 
 
 def test_names_are_stored_as_utf8_whatever_the_locale_made_of_them(two):
