@@ -67,7 +67,8 @@ Absorption is MPM93 (Liebe, Hufford and Cotton 1993) in float64. Two things to k
 strengths of two water isotopologue lines, at 547.676 and 552.021 GHz, are about 10 and 81 times too
 strong; `model = "mpm93-corrected"` uses the physical ones, which changes 650 GHz by -1.2 to -1.5 %
 and 550 GHz by some -16 %. And MPM93 itself stands 6 to 21 % above ITU-R P.676 in the windows above
-300 GHz: agreement is with the named model.
+300 GHz: agreement is with the named model. [Which air is true](../thzcl/air/README.md) has four
+models side by side.
 """
 MADE = """This page is made of the comments at the top of the scenes by `python tests/gallery.py`;
 `python tests/gallery.py figure7` makes a picture anew as well.

@@ -16,13 +16,17 @@ from test_air_tables import save
 from test_pairs import bits
 
 from thzcl import pipeline
-from thzcl.errors import ScenarioError
-from thzcl.graph import evaluate
+from thzcl.errors import NumbersError, ScenarioError
+from thzcl.graph import Values, evaluate
 from thzcl.paths.specs import TraceSpec
 from thzcl.plan import report
+from thzcl.plan.compare import rivals
 from thzcl.results.figure import picture
 from thzcl.results.spread import DECIBELS, signal
+from thzcl.scenario.atmosphere import Atmosphere
+from thzcl.sensing import image
 from thzcl.sensing.image import ComparedSpec
+from thzcl.sensing.spectrum import Bands
 from thzcl.studies.convergence.subject import Subject
 
 OTHERS = ["p676-13", "r24"]
@@ -292,6 +296,62 @@ def test_a_main_model_that_is_not_valid_is_refused(tmp_path):
 def test_a_model_that_extrapolates_says_so(tmp_path):
     result = run(tmp_path, comparing({"sensor": SPECTRAL | {"frequency_ghz": 790.0}}))
     assert any('790 GHz: "r24" is stated to 780 GHz' in one for one in result.warnings)
+
+
+def test_a_band_is_left_out_whole_and_others_stay():
+    """Of two bands, of which one reaches beyond 800 GHz; so does a node that weighs nothing."""
+    hz = np.array([700e9, 750e9, 790e9, 850e9])
+    bands = Bands(Values.of(hz), Values.of([[1.0, 2.0, 1.0, 0.0], [0.0, 0.0, 1.0, 1.0]]))
+    air = Atmosphere(temperature_k=290.0, relative_humidity_percent=50.0, compare=("r24",))
+    (one,) = rivals(air.compared, bands)
+    assert one.planes == (0,)
+    assert one.note(2).startswith('compare = "r24" is left out at 1 of 2 frequencies: 850 GHz')
+    rest = bands.only(one.planes)
+    assert rest.nodes_hz.array.tolist() == hz[:3].tolist()
+    assert rest.given.array.tolist() == [[1.0, 2.0, 1.0]]
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"sensor": {"optics": OPTICS}},
+        pytest.param(WARM, marks=pytest.mark.slow),
+        pytest.param({"atmosphere": DRIFTING, "scan": True}, marks=pytest.mark.slow),
+        pytest.param({"numerics__realizations": 2}, marks=pytest.mark.slow),
+    ],
+)
+def test_what_is_left_of_a_model_is_as_it_would_be_alone(tmp_path, changes):
+    """The other frequency changes how rays sample the beam, by little."""
+    found = []
+    for beyond in (850.0, 799.0):
+        sensor = SPECTRAL | {"frequency_ghz": [340.0, beyond]} | changes.get("sensor", {})
+        rest = {name: value for name, value in changes.items() if name not in ("sensor", "scan")}
+        if "scan" in changes:
+            sensor = SCAN | {"detector": sensor | {"optics": OPTICS}}
+        result = run(tmp_path, comparing(rest | {"sensor": sensor}))
+        found.append(result.variants[0].compared[1])
+    few, all_of = found
+    assert (few.planes, all_of.planes) == ((0,), (0, 1))
+    due = signal(all_of.sight)[0]
+    assert np.abs(signal(few.sight)[0] - due).max() < 2e-3 * np.abs(due).max()
+    depth = few.sight.optical_depth[0]  # which changes at edges, where more rays mean a pixel
+    assert depth == pytest.approx(all_of.sight.optical_depth[0], rel=0.05)
+
+
+def test_what_is_no_number_fails_as_it_does_in_the_image(tmp_path, monkeypatch):
+    """A file's NaN says that a model is left out, and nothing else."""
+    whole = image._sight  # noqa: SLF001 (nothing else reaches it)
+
+    def holed(spec, pixels, places):
+        sight = whole(spec, pixels, places)
+        if isinstance(spec, ComparedSpec):
+            sight.contrast[0, 2, 3] = np.nan
+        return sight
+
+    monkeypatch.setattr(image, "_sight", holed)
+    with pytest.raises(NumbersError, match='by "p676-13" 1 pixels are not finite') as caught:
+        run(tmp_path, comparing({}))
+    assert caught.value.exit_code == 4
 
 
 # --- bad input -------------------------------------------------------------------------------

@@ -148,9 +148,13 @@ def _by_variant(
 def _shown(
     name: str, recorded: Recorded, compared: Iterable[Compared], so_far: Result
 ) -> VariantResult:
-    """Returns an image and what reached its pixels. Raises NumbersError if there is no image."""
+    """Returns an image and what reached its pixels. Raises NumbersError if one of them fails."""
     if recorded.image is None:
         raise NumbersError(recorded.failure or "no image", so_far)
+    compared = tuple(compared)
+    for one in compared:
+        if one.failure:
+            raise NumbersError(f"{name}: {one.failure}", so_far)
     return VariantResult(name, recorded.sight, recorded.image, _models(compared))
 
 

@@ -57,7 +57,9 @@ class Plan:
 
         alone = [replace(variant, compared=(), rivals=()) for variant in self.variants]
         bared = [one.with_specs(_all(one, rewrite(wanted(one), bare))) for one in alone]
-        return replace(self, variants=tuple(bared))
+        crossed = [one.cube if one.cube in everything([one.image]) else None for one in bared]
+        pairs = zip(bared, crossed, strict=True)
+        return replace(self, variants=tuple(replace(one, cube=cube) for one, cube in pairs))
 
 
 def wanted(variant: PlannedVariant) -> list[Spec]:

@@ -103,13 +103,15 @@ class Compared:
     """What reached the pixels by a model to compare with.
 
     `planes` are the numbers of the image's planes at which the model is valid, and `error` is that
-    of its fit, relative to the mean air's absorption.
+    of its fit, relative to the mean air's absorption. `failure` says in words where something is
+    not a number.
     """
 
     model: str
     planes: tuple[int, ...]
     sight: Sight
     error: float
+    failure: str | None
 
 
 @frozen
@@ -130,7 +132,10 @@ class ComparedSpec(Spec):
     def run(self, device: Device, pixels: Pixels, places: Places, expansion: Expansion) -> Compared:
         """Returns what reached the pixels."""
         del device
-        return Compared(self.model, self.planes, _sight(self, pixels, places), expansion.error)
+        sight = _sight(self, pixels, places)
+        hole = _hole(sight, self.places.ends.geometry.frame, self.places.ends.geometry.raster)
+        failure = f'by "{self.model}" {hole}; please report the scene' if hole else None
+        return Compared(self.model, self.planes, sight, expansion.error, failure)
 
     def memory(self) -> Memory:
         """Returns the planes of what reaches the pixels."""
