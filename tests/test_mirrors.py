@@ -1,6 +1,6 @@
 """What surfaces send where it depends on the angle: look-ups at the ends of rays.
 
-thzcl itself has no such surface yet, and no sky, so that both are defined here.
+thzcl itself has no such surface yet, so that one is defined here, and a sky in closed form.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from thzcl.air import radiometry
 from thzcl.graph import Values
 from thzcl.surfaces import mirrors, radiance
 from thzcl.surfaces.geometry import BACKGROUND
-from thzcl.surfaces.mirrors import Constant, Enclosure
+from thzcl.surfaces.mirrors import Constant, Enclosure, Opening
 from thzcl.surfaces.radiance import Emission, Reflecting
 
 WARM = {**DRIFTING, "fluctuations": DRIFTING["fluctuations"] | {"temperature_sigma_k": 1.0}}
@@ -30,6 +30,7 @@ class Glass:
 
     index: float = 2.0
     angular = True
+    view = "mirrored"
 
     def reflectivity(self, frequency_hz, cosine):
         """(|r_s|^2 + |r_p|^2) / 2."""
@@ -45,6 +46,7 @@ class Sky:
     """Air of 290 K that thins out upwards, above ground of 290 K; the sky is colder overhead."""
 
     angular = True
+    knee = 0.3
 
     def kelvin(self, frequency_hz, elevation):
         """The temperature of a black body as bright as the sky there."""
@@ -54,15 +56,18 @@ class Sky:
 
     def contrast(self, frequency_hz, elevation, air_k):
         """Planck's law, less the air's."""
-        kelvin = self.kelvin(frequency_hz, elevation)
-        return radiometry.planck_difference(frequency_hz, kelvin, air_k)
+        kelvin = self.kelvin(frequency_hz[:, None], elevation)
+        return radiometry.planck_difference(frequency_hz[:, None], kelvin, air_k)
+
+    def scattered(self, frequency_hz, upward, height_m, air_k):
+        """Something smooth that looks different from every face and height."""
+        kelvin = 290.0 - (1 + upward) * (40.0 + height_m) / (frequency_hz[:, None] / 650e9)
+        return radiometry.planck_difference(frequency_hz[:, None], kelvin, air_k)
 
 
 def glassy(surfaces, behind):
-    """Everything of glass, before a background that reflects a part of what is behind it."""
-    return [
-        s._replace(mirror=Constant(behind) if s.target == BACKGROUND else Glass()) for s in surfaces
-    ]
+    """Everything of glass, before a background."""
+    return [s._replace(mirror=behind if s.target == BACKGROUND else Glass()) for s in surfaces]
 
 
 @pytest.fixture
@@ -70,13 +75,14 @@ def angular(monkeypatch):
     """Every scene's surfaces are of glass, under the sky."""
     emission, reflection = radiance.emission, radiance.reflection
 
-    def emitting(scene, surfaces):
-        return replace(emission(scene, glassy(surfaces, 1.0)), surroundings=Sky())
+    def emitting(scene, surfaces, above=None):
+        del above
+        return replace(emission(scene, glassy(surfaces, Opening())), surroundings=Sky())
 
     monkeypatch.setattr(radiance, "emission", emitting)
 
     def reflecting(surfaces, trips):
-        return reflection(glassy(surfaces, 0.0), trips)
+        return reflection(glassy(surfaces, Constant(0.0)), trips)
 
     monkeypatch.setattr(radiance, "reflection", reflecting)
 
@@ -132,7 +138,7 @@ def test_the_camera_sees_the_sky_in_glass(tmp_path, height_m, there):
             behind = oracle.planck(hz, float(Sky().kelvin(hz, np.array(up))))
             sent = (1 - part) * oracle.planck(hz, own) + part * behind - air
             expected[row, column] = sent * np.exp(-absorption * length)
-        overhead = np.abs(Sky().contrast(hz, np.array(1.0), 290.0))
+        overhead = np.abs(Sky().contrast(np.array([hz]), np.ones(1), 290.0)).max()
         contrast = found.variants[0].radiances.contrast[number]
         assert np.abs(contrast - expected).max() < mirrors.TOLERANCE * overhead
     assert seen == there

@@ -150,11 +150,11 @@ SINGLE = {
     ),
     "a choice or a number": (
         {"background__environment": []},
-        "[background] environment: must be 'air' or 'none' or a number, not []",
+        "[background] environment: must be 'air', 'none' or 'sky' or a number, not []",
     ),
     "beyond the limit of one kind": (
         {"background__environment": -1.0},
-        "must be 'air' or 'none' or at least 0 K, not -1",
+        "must be 'air', 'none' or 'sky' or at least 0 K, not -1",
     ),
     "a place in another galaxy": (
         {"camera__position_m": [0.0, 1e300, 5.0]},

@@ -173,7 +173,9 @@ class Constituent(ABC):
 
     `varies` says whether the optics depend on temperature or humidity: what does not costs no path
     moment, and is asked for the mean air alone. `gas` marks what [atmosphere] `model` chooses
-    among. `valid` holds the ranges in which the optics may be asked for; it may be a property.
+    among. `valid` holds the ranges in which the optics may be asked for. `layer_top_m` says how far
+    up the sky holds what is no gas, in m; it is asked for at the scene's air up to there. Both may
+    be properties.
     """
 
     name: ClassVar[str]
@@ -182,6 +184,7 @@ class Constituent(ABC):
     varies: bool = True
     gas: ClassVar[bool] = False
     valid: tuple[Span, ...] = ()
+    layer_top_m: float = 1000.0
 
     def __init__(self, params: Any) -> None:
         self.params = params

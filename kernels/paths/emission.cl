@@ -6,7 +6,7 @@
 // Options: FREQUENCIES; HUMIDITY_POWERS, TEMPERATURE_POWERS and PLANCK_POWERS, numbers of
 // coefficients; COUNTS, how many temperature powers matter with each humidity power; THIN where no
 // voxel is deeper than 1/8; CUTOFF as in trace.cl; MOTION and OUTGOING as in camera.cl; BILLBOARDS,
-// COSINES and ELEVATIONS as in source.cl.
+// COSINES and what goes with it as in source.cl.
 
 // The depths of this many voxels are added up plainly, before a compensated sum (Kahan 1965) takes
 // them in: plain float32 alone goes astray by 3e-6 over ten thousand voxels.
@@ -48,9 +48,11 @@ __kernel void emission(__global const real *restrict delta, __global const real 
                        __constant real *coefficients, __constant real *planck,
                        __global const real *restrict emitted, __global const real *restrict blend,
                        __global const real *restrict cosine,
-                       __global const real *restrict elevation, __global const int *restrict mirror,
+                       __global const real *restrict elevation,
+                       __global const real *restrict upward, __global const int *restrict mirror,
+                       __global const int *restrict view,
                        __global const real *restrict reflectivity,
-                       __global const real *restrict seen, real cutoff,
+                       __global const real *restrict seen, real knee, real cutoff,
                        __global int *restrict segments,
                        __global real *restrict depth_out, __global real *restrict contrast_out)
 {
@@ -116,7 +118,8 @@ __kernel void emission(__global const real *restrict delta, __global const real 
 #ifdef CUTOFF
     march_record_ends(&ray, ended, picked, count, first_ray, path_length, surface);
 #endif
-    const sources from = {emitted, surface, blend, cosine, elevation, mirror, reflectivity, seen};
+    const sources from = {emitted, surface, blend,        cosine, elevation, upward,
+                          mirror,  view,    reflectivity, seen,   knee};
     UNROLLED
     for (int f = 0; f < FREQUENCIES; ++f) {
         const reals source = surface_value(&from, first_ray, FREQUENCIES, f);

@@ -2,7 +2,7 @@
 // is (L_surface - B_air) exp(-tau), exactly, whatever the humidity; nothing larger is ever carried.
 //
 // Options: MOMENTS; BANDS, the number of bands, where only sums over frequency are wanted;
-// BILLBOARDS, COSINES and ELEVATIONS as in source.cl.
+// BILLBOARDS, COSINES and what goes with it as in source.cl.
 
 // Optical depth at one frequency; `c` holds MOMENTS + 1 coefficients per metre. The terms go to two
 // sums in turn, so that each addition waits for half as many.
@@ -39,9 +39,9 @@ __kernel void shade(__global const real *restrict path_length,
                     __global const real *restrict coefficients,
                     __global const real *restrict emitted, __global const real *restrict blend,
                     __global const real *restrict cosine, __global const real *restrict elevation,
-                    __global const int *restrict mirror,
-                    __global const real *restrict reflectivity, __global const real *restrict seen,
-                    int frequencies, int row,
+                    __global const real *restrict upward, __global const int *restrict mirror,
+                    __global const int *restrict view, __global const real *restrict reflectivity,
+                    __global const real *restrict seen, real knee, int frequencies, int row,
                     __global real *restrict depth, __global real *restrict contrast)
 {
     const int first_ray = get_global_id(0) * LANES, padded = get_global_size(0) * LANES;
@@ -51,7 +51,8 @@ __kernel void shade(__global const real *restrict path_length,
     for (int k = 0; k < MOMENTS; ++k) m[k] = LOAD(moments + first_ray + (size_t)k * padded);
     const int alike = all_alike(surface, first_ray);
     __global const real *sent = emitted + surface[first_ray] * frequencies;
-    const sources from = {emitted, surface, blend, cosine, elevation, mirror, reflectivity, seen};
+    const sources from = {emitted, surface, blend,        cosine, elevation, upward,
+                          mirror,  view,    reflectivity, seen,   knee};
     for (int f = 0; f < frequencies; ++f) {
         const reals tau = depth_of(coefficients + f * (MOMENTS + 1), length, m);
         const reals source =
@@ -79,9 +80,10 @@ __kernel void shade_bands(__global const real *restrict path_length,
                           __global const real *restrict emitted,
                           __global const real *restrict blend, __global const real *restrict cosine,
                           __global const real *restrict elevation,
-                          __global const int *restrict mirror,
+                          __global const real *restrict upward,
+                          __global const int *restrict mirror, __global const int *restrict view,
                           __global const real *restrict reflectivity,
-                          __global const real *restrict seen, int frequencies, int surfaces,
+                          __global const real *restrict seen, real knee, int frequencies, int surfaces,
                           __global real *restrict depth, __global real *restrict contrast)
 {
     const int first_ray = get_global_id(0) * LANES, padded = get_global_size(0) * LANES;
@@ -93,9 +95,10 @@ __kernel void shade_bands(__global const real *restrict path_length,
     for (int b = 0; b < BANDS; ++b) {
         __global const real *table = emitted + b * surfaces * frequencies,
                             *row = table + surface[first_ray] * frequencies;
-        sources from = {table, surface, blend, cosine, elevation, mirror, reflectivity, seen};
+        sources from = {table,  surface, blend,        cosine, elevation, upward,
+                        mirror, view,    reflectivity, seen,   knee};
 #ifdef COSINES
-        from.seen += b * frequencies * ELEVATIONS;
+        from.seen += b * frequencies * SEEN;
 #endif
         const reals least = depth_of(thinnest + b * (MOMENTS + 1), length, m);
         reals left = 0, lost = 0, above = 0;

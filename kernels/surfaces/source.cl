@@ -1,20 +1,25 @@
 // What surfaces send out, by table: its row is the surface that a ray met, its column the
 // frequency. A textured surface has several rows, and a ray may lie between two of them.
 //
-// Options: BILLBOARDS where the scene has textured surfaces; COSINES and ELEVATIONS, numbers of
-// nodes, where it matters from which side a surface is looked at. The table is then what surfaces
-// would send if they reflected nothing.
+// Options: BILLBOARDS where the scene has textured surfaces; COSINES, where it matters from which
+// side a surface is looked at, with ELEVATIONS and TILTS, all numbers of nodes, SCATTERED and SEEN.
+// The table is then what surfaces would send if they reflected nothing.
 
 // `table` (surface, column); by ray: the `surface` met, its `blend` with the next one, the `cosine`
-// between ray and normal, and the sine of the mirrored ray's `elevation`; the number of each
-// surface's `mirror`; `reflectivity` (mirror, column, COSINES) from grazing to upright; what is
-// `seen` in mirrors, (column, ELEVATIONS), from straight below to straight above.
+// between ray and normal, the sine of the mirrored ray's `elevation`, and the `upward` component of
+// the normal; the number of each surface's `mirror`; `reflectivity` (mirror, column, COSINES) from
+// grazing to upright. What is `seen` in surfaces is (column, SEEN): up to SCATTERED, by elevation,
+// sets of three parts of ELEVATIONS nodes at equal steps of the root of its sine (from the horizon
+// down, from the horizon to the root `knee`, and on to straight up); from there on, by the normal of
+// rough surfaces, sets of TILTS nodes, from faces that look down to faces that look up. `view` is
+// where the set of each surface begins.
 typedef struct {
     __global const real *table;
     __global const int *surface;
-    __global const real *blend, *cosine, *elevation;
-    __global const int *mirror;
+    __global const real *blend, *cosine, *elevation, *upward;
+    __global const int *mirror, *view;
     __global const real *reflectivity, *seen;
+    real knee;
 } sources;
 
 #ifdef COSINES
@@ -25,6 +30,15 @@ static inline real between(__global const real *row, int nodes, real part)
     const int below = clamp((int)place, 0, nodes - 2);
     return row[below] + (place - below) * (row[below + 1] - row[below]);
 }
+
+// What a set of nodes by elevation holds; beyond the knee the second part is followed by the third.
+static inline real by_elevation(__global const real *set, real sine, real knee)
+{
+    const real root = sqrt(fabs(sine));
+    if (sine < 0) return between(set, ELEVATIONS, root);
+    if (root < knee) return between(set + ELEVATIONS, ELEVATIONS, root / knee);
+    return between(set + 2 * ELEVATIONS, ELEVATIONS, (root - knee) / (1 - knee));
+}
 #endif
 
 // What a ray receives from a surface.
@@ -34,8 +48,11 @@ static inline real sent_by(const sources *from, int ray, int surface, int column
 #ifdef COSINES
     __global const real *mirror =
         from->reflectivity + (from->mirror[surface] * columns + column) * COSINES;
-    const real seen = between(from->seen + column * ELEVATIONS, ELEVATIONS,
-                              (real)0.5 + (real)0.5 * from->elevation[ray]);
+    const int view = from->view[surface];
+    __global const real *set = from->seen + column * SEEN + view;
+    const real seen = view < SCATTERED
+                          ? by_elevation(set, from->elevation[ray], from->knee)
+                          : between(set, TILTS, (real)0.5 + (real)0.5 * from->upward[ray]);
     return own + between(mirror, COSINES, from->cosine[ray]) * (seen - own);
 #else
     return own;

@@ -2,8 +2,8 @@
 // of one ray, in float64 where the device has it.
 //
 // Options: GROUND, BOXES and BILLBOARDS where the scene has them; COSINE where the slant of the
-// surface is wanted; ELEVATION where it is wanted where a mirrored ray goes; OUTGOING as in
-// camera.cl.
+// surface is wanted; ELEVATION where it is wanted where a mirrored ray goes and how surfaces lie;
+// CEILING where rays that meet nothing end at a height; OUTGOING as in camera.cl.
 
 #define BACKGROUND 0
 #define GROUND_PLANE 1
@@ -175,22 +175,27 @@ static void meet_all(const things *all, point origin, point direction, wide norm
 // For each of the `count` rays that are followed, in their order: `reach` in the ray's parameter;
 // `path_length` in metres; `stretch`, metres per unit of the parameter; `surface` and `blend` as in
 // source.cl; `cosine` of the angle between ray and normal; `elevation`, the sine of the angle above
-// the horizon at which the ray goes on if it is mirrored, or as it comes if it meets nothing.
+// the horizon at which the ray goes on if it is mirrored, or as it comes if it meets nothing;
+// `upward`, the vertical component of the normal. A ray that meets nothing ends at `max_range`, or
+// sooner where it rises to the height of `ceiling`.
 __kernel void surfaces(__constant frame *camera, int width, int height, wide max_range,
-                       __constant box *boxes, __constant int2 *stripes, int box_count,
+                       wide ceiling, __constant box *boxes, __constant int2 *stripes, int box_count,
                        __constant billboard *billboards, __constant texture *textures,
                        __global const float *texels, int billboard_count,
                        __global const int *restrict picked, int count,
                        __global wide *restrict reach, __global real *restrict stretch,
                        __global real *restrict path_length, __global int *restrict surface,
                        __global real *restrict blend, __global real *restrict cosine,
-                       __global real *restrict elevation)
+                       __global real *restrict elevation, __global real *restrict upward)
 {
     const int slot = get_global_id(0), ray = RAY(min(slot, count - 1));
     const things all = {boxes, stripes, box_count, billboards, textures, texels, billboard_count};
     const point d = ray_direction(camera, width, height, ray);
     const wide norm = sqrt(d.x * d.x + d.y * d.y + d.z * d.z);
     hit nearest = {max_range / norm, BACKGROUND, 0, 0, 0};
+#ifdef CEILING
+    if (d.z > 0) nearest.reach = min(nearest.reach, (ceiling - camera->origin.z) / d.z);
+#endif
     meet_all(&all, camera->origin, d, norm, &nearest);
     reach[slot] = nearest.reach;
     stretch[slot] = (real)norm;
@@ -204,6 +209,7 @@ __kernel void surfaces(__constant frame *camera, int width, int height, wide max
 #endif
 #ifdef ELEVATION
     elevation[slot] = (real)(d.z / norm + 2 * nearest.cosine * nearest.upward);
+    upward[slot] = (real)nearest.upward;
 #endif
 }
 

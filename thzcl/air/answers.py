@@ -36,6 +36,14 @@ def claims(constituent: Constituent) -> tuple[bool, tuple[Span, ...]]:
     return _claims(constituent.varies, constituent.valid)
 
 
+def layer_top_m(constituent: Constituent) -> float:
+    """Returns how far up the sky holds a constituent, m. Raises Breach."""
+    top = constituent.layer_top_m
+    if isinstance(top, bool) or not isinstance(top, int | float) or not top > 0:
+        raise Breach(f"its layer_top_m is {top!r}, not a number of metres above 0")
+    return float(top)
+
+
 def _claims(varies: Any, valid: Any) -> tuple[bool, tuple[Span, ...]]:
     if not isinstance(varies, bool):
         raise Breach(f"its varies is {varies!r}, not True or False")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import cache, lru_cache
@@ -177,6 +178,18 @@ def optical_properties(
     if beyond is not None:
         raise PluginError(f"{at_work.owner}: {beyond}; {_instead(one)}")
     return found
+
+
+@lru_cache(maxsize=64)
+def layer_top_m(one: Part) -> float:
+    """Returns how far up the sky holds a constituent, m; a gas is there all the way up.
+
+    Raises PluginFailure.
+    """
+    if constituent_class(one.name).gas:
+        return math.inf
+    at_work = made(one)
+    return guard.call(at_work.owner, answers.layer_top_m, at_work.constituent)
 
 
 def parts(one: Part, found: OpticalProperties) -> dict[str, Array]:

@@ -64,7 +64,30 @@ def tables(found: dict[str, Any]) -> list[Table]:
     return [
         Table(found["scenario"], columns, stages),
         Table("numerics", numerics.columns, numerics.rows),
+        *_skies(found["sky"]),
     ]
+
+
+def _skies(skies: list[dict[str, Any]]) -> list[Table]:
+    """Returns the sky by elevation of the variants that see one, alike ones in one table."""
+    from thzcl.commands.tables import Column, Table
+
+    alike: dict[str, list[str]] = {}
+    for sky in skies:
+        alike.setdefault(repr({**sky, "variant": ""}), []).append(sky["variant"])
+    found = []
+    for names in alike.values():
+        sky = next(sky for sky in skies if sky["variant"] == names[0])
+        which = "" if len(alike) == 1 else f" of {', '.join(names)}"
+        title = f"sky{which}: {sky['profile']}, as seen from {sky['seen_from_m']:g} m"
+        ghz = [Column(f"{frequency:g} GHz", "K", ".2f") for frequency in sky["frequency_ghz"]]
+        kelvins = zip(*sky["brightness_temperature_k"], strict=True)
+        rows = [
+            (f"{degrees:g} deg", *row)
+            for degrees, row in zip(sky["elevation_deg"], kelvins, strict=True)
+        ]
+        found.append(Table(title, (Column("elevation"), *ghz), tuple(rows)))
+    return found
 
 
 def _notes(found: dict[str, Any]) -> list[str]:
@@ -79,9 +102,23 @@ def _notes(found: dict[str, Any]) -> list[str]:
         f"error of the absorption polynomial: {error}",
         f"voxels crossed: about {found['voxel_segments']:,}",
         f"memory at the peak: about {found['memory_bytes'] / 2**20:,.0f} MiB",
+        *_blended(found["sky"]),
         *_refraction(found["refraction_left_out"]),
         *(f"note: {warning}" for warning in found["warnings"]),
     ]
+
+
+def _blended(skies: list[dict[str, Any]]) -> list[str]:
+    """Returns how the scene's air departs from the sky's profile, and where rays leave it."""
+    found = []
+    for sky in skies:
+        air = f"{sky['departure_k']:+.3g} K, vapour times {sky['vapour_ratio']:.3g}"
+        text = f"the scene's air is blended into the profile over 1 km ({air})"
+        if sky["leaves_scene_at_m"] is not None:
+            text += f"; rays that meet nothing leave it at {sky['leaves_scene_at_m']:g} m"
+            text += f", which changes the sky by up to {sky['uniform_air_k']:.2g} K"
+        found.append(text)
+    return list(dict.fromkeys(found))
 
 
 def _refraction(left: dict[str, Any] | None) -> list[str]:

@@ -252,10 +252,13 @@ def _followed(
         length = np.linalg.norm(away, axis=1)
         ways.append(air.way(Lines(start, away / length[:, None], length, place)))
     facing = ends.facing
-    blend, cosine, elevation = (
-        _asked(values, slots) for values in (facing.blend, facing.cosine, facing.elevation)
+    blend, cosine, elevation, upward = (
+        _asked(values, slots)
+        for values in (facing.blend, facing.cosine, facing.elevation, facing.upward)
     )
-    angles = None if cosine is None or elevation is None else EndAngles(cosine, elevation)
+    angles = None
+    if cosine is not None and elevation is not None and upward is not None:
+        angles = EndAngles(cosine, elevation, upward)
     blended, gain = np.zeros(len(slots)) if blend is None else blend, np.ones(len(slots))
     if lambert:
         assert cosine is not None  # noqa: S101 (whoever asks for the gain asks for the cosine)

@@ -18,7 +18,8 @@ from thzcl.device.opencl import Device
 from thzcl.paths.trace import MarchKernels, Medium, changed_ends, march_options, placed
 from thzcl.surfaces import source
 from thzcl.surfaces.ends import RayEnds
-from thzcl.surfaces.radiance import Sources, Table
+from thzcl.surfaces.radiance import Table
+from thzcl.surfaces.source import SourceKernels
 
 Array = NDArray[np.float64]
 AT_ONCE = 8  # frequencies that one pass carries
@@ -28,7 +29,7 @@ EVEN_K = 1e-9  # departures up to here, which rounding spoils, take the slope at
 
 
 @dataclass(frozen=True)
-class EmissionKernels(MarchKernels):
+class EmissionKernels(MarchKernels, SourceKernels):
     """The kernel that sums up depth and radiance, with the sizes of its polynomials."""
 
     files: ClassVar = (
@@ -45,9 +46,6 @@ class EmissionKernels(MarchKernels):
     planck_powers: int
     counts: tuple[int, ...]
     thin: bool
-    billboards: bool
-    cosines: int | None
-    elevations: int | None
 
 
 @dataclass(frozen=True)
@@ -92,18 +90,20 @@ class Emitting:
 
 
 def emitting(
-    expansion: Expansion, span: tuple[float, float], sources: Sources, precision: str
+    expansion: Expansion, span: tuple[float, float], sent: Table, precision: str, *, air: bool
 ) -> Emitting:
-    """Returns the tables of an emission trace; `span` bounds the temperature's departure in K."""
+    """Returns the tables of an emission trace; `span` bounds the temperature's departure in K.
+
+    `sent` is what surfaces send, and `air` says whether what the air emits is seen.
+    """
     frequency_hz = expansion.frequency_hz
     planck = np.zeros((len(frequency_hz), 1))
-    if sources.air_emits:
+    if air:
         planck = _planck_powers(expansion, span, precision)
     present = np.abs(expansion.coefficients).max(axis=0)
     counts = tuple(int(1 + np.flatnonzero(row)[-1]) if row.any() else 1 for row in present)
     densest = float(expansion.sizes.sum(axis=(1, 2)).max())
-    table = sources.table(frequency_hz)
-    return Emitting(expansion.coefficients, counts, densest, planck, table)
+    return Emitting(expansion.coefficients, counts, densest, planck, sent)
 
 
 def trace_emission(

@@ -8,26 +8,23 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from thzcl.device.kernels import Kernels
 from thzcl.device.opencl import Buffer, Device, Program
 from thzcl.paths.trace import Paths
 from thzcl.surfaces import source
 from thzcl.surfaces.radiance import Table
+from thzcl.surfaces.source import SourceKernels
 
 Array = NDArray[np.float64]
 ROWS_APART = 64  # values between spectral rows: rows of a power of two would share cache lines
 
 
 @dataclass(frozen=True)
-class ShadeKernels(Kernels):
+class ShadeKernels(SourceKernels):
     """The kernels that shade paths; `bands` is the number of bands, or None without any."""
 
     files: ClassVar = ("surfaces/source", "paths/attenuate", "paths/shade")
 
     moments: int
-    billboards: bool
-    cosines: int | None = None
-    elevations: int | None = None
     bands: int | None = None
 
 

@@ -18,7 +18,7 @@ from thzcl.paths.emission import Carried, emitting, trace_emission
 from thzcl.paths.thinning import trace_thinned
 from thzcl.paths.trace import Guard, Motion, Paths
 from thzcl.surfaces.ends import EndsSpec, OutgoingSpec, RayEnds
-from thzcl.surfaces.radiance import Sources
+from thzcl.surfaces.radiance import SentSpec, Table
 from thzcl.turbulence.cube import Field
 from thzcl.turbulence.fields import AnyField
 
@@ -200,11 +200,11 @@ class EmissionSpec(Spec):
     field: AnyField
     ends: AnyEnds
     expansion: TrimmedSpec
-    sources: Sources
+    sent: SentSpec
     motion: Motion
     cutoff: float  # optical depth, one way, at which a ray ends
     planned_segments: float = dataclass_field(default=0.0, compare=False)
-    reads = ("field", "ends", "expansion")
+    reads = ("field", "ends", "expansion", "sent")
 
     @property
     def camera(self) -> EndsSpec:
@@ -216,10 +216,12 @@ class EmissionSpec(Spec):
         """Returns the stage of the way back, or of the way out."""
         return "outgoing-path" if isinstance(self.ends, OutgoingSpec) else "path-emission"
 
-    def run(self, device: Device, field: Field, ends: RayEnds, expansion: Expansion) -> Carried:
+    def run(
+        self, device: Device, field: Field, ends: RayEnds, expansion: Expansion, sent: Table
+    ) -> Carried:
         """Returns the depth and the contrast of every ray at every frequency."""
-        precision = self.ends.precision
-        tables = emitting(expansion, field.temperature_span, self.sources, precision)
+        precision, air = self.ends.precision, self.sent.sources.air_emits
+        tables = emitting(expansion, field.temperature_span, sent, precision, air=air)
         thinnest = float(expansion.coefficients[:, 0, 0].min())
         reached = thinnest * trace.longest_m(ends) >= self.cutoff
         medium = trace.medium(device, field, ends, self.motion)

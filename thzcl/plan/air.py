@@ -32,7 +32,7 @@ from thzcl.sensing.transfer import AnyRays, CarriedSpec, LambertSpec, ShadeSpec
 from thzcl.surfaces.ends import EndsSpec, OutgoingSpec
 from thzcl.surfaces.estimate import SampledRays
 from thzcl.surfaces.geometry import Geometry
-from thzcl.surfaces.radiance import Sources
+from thzcl.surfaces.radiance import SentSpec, Sources
 from thzcl.turbulence.fields import AnyField
 from thzcl.turbulence.orientation import ROTATIONS
 
@@ -60,6 +60,11 @@ class Setup:
     lambert: bool
     cosine: bool
     targets: Values
+
+    @property
+    def sent(self) -> SentSpec:
+        """Returns what surfaces send at the sensor's frequencies."""
+        return SentSpec(self.sources, self.spectrum.nodes_hz)
 
     def ends(self, shape: Geometry) -> EndsSpec:
         """Returns the ends of the camera's rays."""
@@ -111,7 +116,7 @@ class UniformAir:
         """Returns the rays of an exposure, through this air."""
         ways = [StraightSpec(ends, self.why) for ends in self.setup.ways(taken.geometry)]
         path = ways[0] if len(ways) == 1 else RoundTripSpec(*ways)
-        return ShadeSpec(path, self.expansion, self.setup.sources, self.setup.spectrum)
+        return ShadeSpec(path, self.expansion, self.setup.sent, self.setup.spectrum)
 
     def walked(self, taken: Exposure) -> UniformAirSpec:
         """Returns the air that the float64 twin walks through."""
@@ -206,7 +211,7 @@ class TurbulentAir(_CubeAir):
         """Returns the rays of an exposure, through this air."""
         ways = [self._trace(ends, taken) for ends in self.setup.ways(taken.geometry)]
         path = ways[0] if len(ways) == 1 else RoundTripSpec(*ways)
-        return ShadeSpec(path, self.expansion, self.setup.sources, self.setup.spectrum)
+        return ShadeSpec(path, self.expansion, self.setup.sent, self.setup.spectrum)
 
     def _trace(self, ends: AnyEnds, taken: Exposure) -> TraceSpec:
         """Returns the trace through the cube of the rays that end at `ends`."""
@@ -256,7 +261,7 @@ class NonIsothermalAir(_CubeAir):
             self.cube.field,
             ends,
             self.expansion,
-            self.setup.sources,
+            self.setup.sent,
             self.cube.motion(taken.times_s),
             self.setup.settled.cutoff,
             passes * self.cube.segments(ends, _camera(taken.geometry)),

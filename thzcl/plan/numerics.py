@@ -98,8 +98,9 @@ class Foreseen:
 
     def _camera_contrast(self) -> Array:
         """Returns the absolute contrast that reaches the camera, (ray, frequency)."""
-        sent = self._brightest()
-        return np.asarray(sent[self.rays.surface] * np.exp(-self._depth()))
+        rays, nodes = self.rays, self.spectrum.nodes_hz.array
+        sent = self.sources.brightest_along(nodes, rays.surface, rays.direction[:, 2])
+        return np.asarray(sent * np.exp(-self._depth()))
 
     def contrast(self) -> Array:
         """Returns the largest contrast in the image, (plane,), or 1 if there is none."""

@@ -10,6 +10,7 @@ from thzcl.air.mean import NOWHERE
 from thzcl.air.refraction import Refraction, estimate, structure_constant_n
 from thzcl.graph import LeftOut, Work, everything, peak
 from thzcl.paths.specs import TraceSpec
+from thzcl.plan import sky
 from thzcl.plan.plan import Plan
 from thzcl.plan.variant import PlannedVariant
 from thzcl.surfaces.geometry import KINDS
@@ -24,6 +25,7 @@ STAGES = (
     "trace",
     "path-emission",
     *KINDS,
+    "sky",
     "outgoing-path",
     "optics",
     "noise",
@@ -123,6 +125,7 @@ def warnings(plan: Plan, errors: Iterable[float]) -> list[str]:
     found += [note for variant in plan.variants for note in _extrapolations(variant)]
     found += [note for variant in plan.variants for note in _left_out(variant)]
     found += [*_periods(plan), *_continued(plan), *_idle_wind(plan)]
+    found += [note for variant in plan.variants for note in _of_sky(variant)]
     following = iter(errors)
     for variant in plan.variants:
         humidity = variant.scene.atmosphere.air.relative_humidity_percent
@@ -153,6 +156,23 @@ def _left_out(variant: PlannedVariant) -> list[str]:
     """Returns what is told of models to compare with that are not valid for a variant."""
     notes = [rival.note(variant.image.spectrum.count) for rival in variant.rivals]
     return [f"{variant.name}: {note}" for note in notes if note is not None]
+
+
+def _of_sky(variant: PlannedVariant) -> list[str]:
+    """Returns notes on a sky that is given, or a warning where it lacks."""
+    sources, nodes = variant.image.sources, variant.image.spectrum.nodes_hz.array
+    lacking = sky.lacking(variant.scene, variant.air, sources, variant.sample, nodes)
+    return sky.notes(variant.scene, sources, nodes) + lacking
+
+
+def skies(plan: Plan) -> list[dict[str, object]]:
+    """Returns the sky by elevation of each variant that sees one."""
+    found = []
+    for variant in plan.variants:
+        table = sky.table(variant.image.sources, variant.image.spectrum.nodes_hz.array)
+        if table is not None:
+            found.append({"variant": variant.name, **table})
+    return found
 
 
 def planned_errors(plan: Plan) -> list[float]:
@@ -249,6 +269,7 @@ def as_json(plan: Plan, figure: bool = True) -> dict[str, object]:
         "moments": moments(plan),
         "surrogate_error": expansion_error(plan),
         "numerics": [numerics(variant) for variant in plan.variants],
+        "sky": skies(plan),
         "refraction_left_out": None if left is None else left._asdict(),
         "warnings": warnings(plan, planned_errors(plan)),
     }

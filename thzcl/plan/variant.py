@@ -16,7 +16,7 @@ from thzcl.air.mean import NOWHERE, Air, Span
 from thzcl.error.budget import ErrorSpec, LatticeErrorSpec, SamplingSpec
 from thzcl.error.rays import FineWalkSpec, WalkSpec
 from thzcl.graph import Spec, Values
-from thzcl.plan import numerics
+from thzcl.plan import numerics, sky
 from thzcl.plan.air import STILL, AnyAir, Moving, NonIsothermalAir, Setup, TurbulentAir, UniformAir
 from thzcl.plan.compare import Rival, beside, in_planes, rivals
 from thzcl.plan.cube import Source, cube_source
@@ -33,6 +33,7 @@ from thzcl.sensing.pixels import PixelsSpec, PlacesSpec, Steps, SumSpec
 from thzcl.sensing.spectrum import Spectrum, finer, spectrum
 from thzcl.sensor import Needs, View
 from thzcl.surfaces import camera, geometry, radiance
+from thzcl.surfaces import sky as surfaces_sky
 from thzcl.surfaces.camera import Raster
 from thzcl.surfaces.estimate import SampledRays, sampled_rays
 from thzcl.surfaces.geometry import Geometry
@@ -70,6 +71,7 @@ class PlannedVariant:
     orientation: str = field(compare=False)
     longest_m: float = field(compare=False)
     visible_m: float = field(compare=False)
+    sample: SampledRays = field(compare=False)
 
     def specs(self) -> tuple[Spec | None, ...]:
         """Returns the specs that a run evaluates, in order, with None for those not needed."""
@@ -113,6 +115,7 @@ class _Planner:
             self.needs = self._asked()
             self.spectrum: Spectrum = spectrum(self.needs)
             self.air.refuse_beyond(self.spectrum.nodes_hz.array, NOWHERE, NOWHERE)
+        self.above = None if self.needs.reflection else sky.above(scenario, self.scene, self.air)
         self.sources = self._sources()
         self.rivals = rivals(compared, self.spectrum)
         asked = {one.air: self.spectrum.only(one.planes) for one in self.rivals if one.planes}
@@ -127,6 +130,10 @@ class _Planner:
             rays = optics.sampling(self.needs.optics, plain, self.pixel_rad, nodes)
             frame = Values.of(camera.camera_frame(self.scene.camera, rays))
             self.shape = replace(self.shape, raster=rays, frame=frame)
+        if isinstance(self.sources, radiance.Emission) and self.sources.behind is not None:
+            ceiling_m = surfaces_sky.ceiling_m(self.scene, self.air)
+            things = replace(self.shape.things, ceiling_m=ceiling_m)
+            self.shape = replace(self.shape, things=things)
         self.sample: SampledRays = sampled_rays(self.shape)
         self.targets = Values.of([s.target for s in self.surfaces], np.int32)
         self.foreseen = self._foreseen()
@@ -158,7 +165,7 @@ class _Planner:
     def _sources(self) -> radiance.Sources:
         """Returns what surfaces send to the camera: their emission, or echoes of a transmitter."""
         if not self.needs.reflection:
-            return radiance.emission(self.scene, self.surfaces)
+            return radiance.emission(self.scene, self.surfaces, self.above)
         return radiance.reflection(self.surfaces, 2 if self.needs.transmitter_m is None else 1)
 
     def _cube_source(self, air: Air, spectrum: Spectrum) -> tuple[Source | None, str]:
@@ -320,6 +327,7 @@ class _Planner:
             self._orientation(),
             float(self.sample.length.max()),
             self._visible_m(),
+            self.sample,
         )
 
     def _refuse_beyond(self, humidity_span: Span, temperature_span: Span) -> None:

@@ -164,17 +164,49 @@ class Background(Table):
     """What rays see that meet no surface, and what surfaces reflect."""
 
     temperature_k: Kelvin | None = key(
-        None, help="temperature beyond max_range_m; the air's if absent", unit="K"
+        None,
+        help="temperature of what rays see that meet nothing; if absent, they see the sky where "
+        "there is [sky], and else the air's",
+        unit="K",
     )
-    environment: Literal["air", "none"] | Kelvin = key(
+    environment: Literal["air", "none", "sky"] | Kelvin = key(
         "air",
         help='what surfaces reflect: "air" (a black enclosure at air temperature), "none", '
-        "or a temperature",
+        '"sky" (that of [sky], and the ground), or a temperature',
         unit="K",
     )
     max_range_m: float = key(
         1000.0, gt=0, le=1e6, help="length of a ray that meets no surface", unit="m"
     )
+
+
+class Sky(Table):
+    """The air above the scene, which rays see that meet nothing.
+
+    Surfaces reflect it with [background] environment = "sky".
+    """
+
+    profile: Literal[
+        "us-standard",
+        "tropical",
+        "midlatitude-summer",
+        "midlatitude-winter",
+        "subarctic-summer",
+        "subarctic-winter",
+        "file",
+    ] = key(help='AFGL model atmosphere of 1986, or "file"')
+    file: str | None = key(
+        None,
+        min_length=1,
+        help="CSV of height_km or height_m above z = 0, pressure_hpa, temperature_k and one of "
+        "relative_humidity_percent, absolute_humidity_g_m3, vapour_pressure_hpa, h2o_ppmv",
+    )
+
+    def troubles(self) -> list[Trouble]:  # noqa: D102 (Table's)
+        if (self.profile == "file") == (self.file is not None):
+            return []
+        text = 'profile = "file" and file = "..." go together'
+        return [self.trouble("profile", text)]
 
 
 class Numerics(Table):
@@ -249,6 +281,9 @@ class Scene(Table):
         {}, help="targets by name"
     )
     background: Background = key(Background(), help="what lies behind and around")
+    sky: Sky | None = key(
+        None, help="the air above; leave the table out for a black one of the air's temperature"
+    )
     numerics: Numerics = key(Numerics(), help="how the numbers are computed")
     output: Output = key(Output(), help="what the result file holds beyond the images")
 
@@ -262,6 +297,9 @@ class Scene(Table):
         if self.output.model_spread and not self.atmosphere.compare:
             text = "needs models to compare with: [atmosphere] compare"
             found.append(Trouble(("output", "model_spread"), text))
+        if self.background.environment == "sky" and self.sky is None:
+            text = 'needs a sky; add [sky] profile = "us-standard"'
+            found.append(Trouble(("background", "environment"), f'"sky" {text}'))
         taken = [name for name in ("background", "ground") if name in self.targets]
         text = "names another part of the scene; choose another name"
         return found + [Trouble(("targets", name), f'"{name}" {text}') for name in taken]

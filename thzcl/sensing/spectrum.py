@@ -13,7 +13,7 @@ from thzcl.paths import shade
 from thzcl.paths.shade import Shaded
 from thzcl.paths.trace import Paths
 from thzcl.sensor import Needs
-from thzcl.surfaces.radiance import Sources
+from thzcl.surfaces.radiance import Sources, Table
 
 Array = NDArray[np.float64]
 
@@ -50,11 +50,17 @@ class Frequencies:
         return values
 
     def shade(
-        self, device: Device, paths: Paths, coefficients: Array, sources: Sources, precision: str
+        self,
+        device: Device,
+        paths: Paths,
+        coefficients: Array,
+        sources: Sources,
+        sent: Table,
+        precision: str,
     ) -> Shaded:
         """Returns depth and contrast, (frequency, ray); `coefficients` (frequency, power), 1/m."""
-        table = sources.table(self.nodes_hz.array)
-        return shade.shade(device, paths, coefficients, table, precision)
+        del sources
+        return shade.shade(device, paths, coefficients, sent, precision)
 
     def mean_depth(self, depth: Array, sources: Sources) -> Array:
         """Returns the depth by frequency, (frequency, ray), as it is."""
@@ -114,13 +120,18 @@ class Bands:
         return np.asarray(values @ self.weights.T)
 
     def shade(
-        self, device: Device, paths: Paths, coefficients: Array, sources: Sources, precision: str
+        self,
+        device: Device,
+        paths: Paths,
+        coefficients: Array,
+        sources: Sources,
+        sent: Table,
+        precision: str,
     ) -> Shaded:
         """Returns depth and contrast, (band, ray); `coefficients` (frequency, power), 1/m."""
-        nodes, weights = self.nodes_hz.array, self.weights
-        passing = sources.passing(weights, nodes)
-        table = sources.table(nodes)
-        return shade.shade_bands(device, paths, coefficients, table, weights, passing, precision)
+        weights = self.weights
+        passing = sources.passing(weights, self.nodes_hz.array)
+        return shade.shade_bands(device, paths, coefficients, sent, weights, passing, precision)
 
     def mean_depth(self, depth: Array, sources: Sources) -> Array:
         """Returns the depth of the bands' mean transmission, (band, ray).

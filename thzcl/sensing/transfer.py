@@ -21,7 +21,7 @@ from thzcl.paths.trace import Paths
 from thzcl.sensing.spectrum import Spectrum
 from thzcl.surfaces.camera import Raster
 from thzcl.surfaces.ends import EndsSpec, RayEnds
-from thzcl.surfaces.radiance import Sources
+from thzcl.surfaces.radiance import SentSpec, Sources, Table
 
 Array = NDArray[Any]
 _WAYS_OUT = {
@@ -57,23 +57,29 @@ class ShadeSpec(Spec):
 
     path: AnyPath
     expansion: ExpansionSpec
-    sources: Sources
+    sent: SentSpec
     spectrum: Spectrum
-    reads = ("path", "expansion")
+    reads = ("path", "expansion", "sent")
     stage = "shading"
+
+    @property
+    def sources(self) -> Sources:
+        """Returns the surfaces as sources."""
+        return self.sent.sources
 
     @property
     def ends(self) -> EndsSpec:
         """Returns the ends of the camera's rays."""
         return self.path.camera
 
-    def run(self, device: Device, path: Paths, expansion: Expansion) -> Rays:
+    def run(self, device: Device, path: Paths, expansion: Expansion, sent: Table) -> Rays:
         """Returns the rays on the host."""
         raster = self.ends.geometry.raster
         own = expansion.coefficients[:, :, 0] * self.sources.trips
         # A path that serves other air too can hold more moments than this polynomial has terms.
         terms = np.pad(own, ((0, 0), (0, len(path.moments) + 1 - own.shape[1])))
-        shaded = self.spectrum.shade(device, path, terms, self.sources, self.ends.precision)
+        sources, precision = self.sources, self.ends.precision
+        shaded = self.spectrum.shade(device, path, terms, sources, sent, precision)
         return Rays(
             on_raster(raster, shaded.depth.host()),
             on_raster(raster, shaded.contrast.host()),

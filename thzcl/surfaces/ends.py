@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -33,6 +34,7 @@ class SurfaceKernels(Kernels):
     billboards: bool
     cosine: bool = False
     elevation: bool = False
+    ceiling: bool = False
     outgoing: bool = False
 
 
@@ -57,12 +59,14 @@ class Facing:
 
     `blend` is the weight of the surface with the next number, `cosine` that of the angle between
     ray and normal, `elevation` the sine of the angle above the horizon at which a mirrored ray goes
-    on, or at which a ray comes that meets nothing.
+    on, or at which a ray comes that meets nothing, and `upward` the vertical component of the
+    surface's normal on the camera's side.
     """
 
     blend: Buffer
     cosine: Buffer
     elevation: Buffer
+    upward: Buffer
 
 
 @dataclass(frozen=True)
@@ -104,7 +108,7 @@ class EndsSpec(Spec):
     geometry: Geometry
     precision: str
     cosine: bool = False  # whether the slant of surfaces is wanted
-    elevation: bool = False  # whether the direction of mirrored rays is wanted
+    elevation: bool = False  # whether the directions of mirrored rays and of normals are wanted
 
     @property
     def camera(self) -> EndsSpec:
@@ -142,7 +146,7 @@ class EndsSpec(Spec):
         rays, real = self.geometry.raster.rays, np.dtype(self.precision).itemsize
         texels = 4 * self.geometry.things.texels.shape[0]
         return Memory(
-            (8 * rays, *(real * rays,) * (2 + self.cosine + self.elevation), 4 * rays, texels)
+            (8 * rays, *(real * rays,) * (2 + self.cosine + 2 * self.elevation), 4 * rays, texels)
         )
 
 
@@ -200,11 +204,13 @@ def find_ends(
 ) -> RayEnds:
     """Returns the ends of all rays of the camera, or of those picked by number.
 
-    `cosine` and `elevation` say which of these, in `facing`, are computed.
+    `cosine` and `elevation` say which of these, in `facing`, are computed; `upward` goes with
+    `elevation`.
     """
     followed = follow(device, shape, picked)
     padded = device.padded(followed.count, precision)
     angles = {"cosine": cosine, "elevation": elevation}
+    angles["ceiling"] = math.isfinite(shape.things.ceiling_m)
     program = device.build(SurfaceKernels(**_kinds(shape.things), **angles), precision)
     textured = "billboards" in shape.things.kinds
     reach = device.empty((padded,), device.wide)
@@ -213,7 +219,7 @@ def find_ends(
     facing = Facing(
         *(
             device.empty((padded if wanted else 1,), precision)
-            for wanted in (textured, cosine, elevation)
+            for wanted in (textured, cosine, elevation, elevation)
         )
     )
     program.run(
@@ -222,6 +228,7 @@ def find_ends(
         camera=device.put(geometry.world_frame(shape.frame.array), device.wide),
         **raster_size(shape),
         max_range=shape.things.max_range_m,
+        ceiling=shape.things.ceiling_m,
         **_things(device, shape.things),
         **ray_list(followed),
         reach=reach,
@@ -231,6 +238,7 @@ def find_ends(
         blend=facing.blend,
         cosine=facing.cosine,
         elevation=facing.elevation,
+        upward=facing.upward,
     )
     return RayEnds(shape, followed, reach, reach, stretch, path_length, surface, facing)
 

@@ -48,10 +48,15 @@ def sampled_rays(shape: Geometry) -> SampledRays:
 def first_met(shape: Geometry, direction: Array) -> tuple[Array, NDArray[np.int32]]:
     """Returns the ray parameter at the nearest surface, and the surface's number, both (n,).
 
-    `direction` (n, 3) is what camera.directions returns. Rays that meet nothing end at max_range_m.
+    `direction` (n, 3) is what camera.directions returns. Rays that meet nothing end at max_range_m,
+    or at the ceiling.
     """
     origin, things = shape.frame.array[0], shape.things
     nearest = things.max_range_m / np.linalg.norm(direction, axis=1)
+    rising = direction[:, 2] > 0
+    up = np.where(rising, direction[:, 2], 1.0)
+    ceiling = np.where(rising, (things.ceiling_m - origin[2]) / up, np.inf)
+    nearest = np.minimum(nearest, ceiling)
     surface = np.full(len(direction), BACKGROUND, dtype=np.int32)
     with np.errstate(divide="ignore", invalid="ignore"):
         for number, hit in _hits(shape, origin, direction):

@@ -8,6 +8,7 @@ origin + s * direction, and its distance from the origin is s times the norm of 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -38,6 +39,7 @@ class Surface(NamedTuple):
     target: int  # the flag in the result's variable `target`
     temperature_k: float | None
     mirror: Mirror
+    height_m: float = 0.0  # of its middle, from where it sees its surroundings
 
 
 KINDS = ("ground", "boxes", "billboards")  # of surfaces: options of kernels, stages of a plan
@@ -63,6 +65,7 @@ class Things:
     textures: Values  # (billboard, 7), int32
     texels: Values  # (texel,)
     max_range_m: float
+    ceiling_m: float = math.inf  # the height at which rays end that meet nothing
 
     @property
     def kinds(self) -> tuple[str, ...]:
@@ -125,7 +128,8 @@ def _ground(scene: Scene) -> Surface:
 def _boxes(boxes: list[tuple[int, Box]], surfaces: list[Surface]) -> tuple[Array, Integers]:
     """Returns the rows of boxes and of their stripes, and appends their surfaces to `surfaces`."""
     surfaces += [
-        Surface(flag, box.temperature_k, Constant(box.reflectivity)) for flag, box in boxes
+        Surface(flag, box.temperature_k, Constant(box.reflectivity), box.center_m[2])
+        for flag, box in boxes
     ]
     stripes = np.zeros((len(boxes) * len(FACES), 2), dtype=np.int32)
     rows = []
@@ -133,7 +137,8 @@ def _boxes(boxes: list[tuple[int, Box]], surfaces: list[Surface]) -> tuple[Array
         rows.append([*box.center_m, *(size / 2 for size in box.size_m), *_turn(box.yaw_deg)])
         for bars in box.bars:
             stripes[number * len(FACES) + FACES.index(bars.face)] = bars.count, len(surfaces)
-            surfaces.append(Surface(flag, bars.temperature_k, Constant(box.reflectivity)))
+            mirror, height_m = Constant(box.reflectivity), box.center_m[2]
+            surfaces.append(Surface(flag, bars.temperature_k, mirror, height_m))
     return np.array(rows).reshape(-1, 8), stripes
 
 
@@ -169,12 +174,14 @@ def _billboards(
 
 def _levels(flag: int, board: Billboard, picture: Texture) -> list[Surface]:
     """Returns the surfaces between which a texture blends, from its lowest value to its highest."""
+    z = board.center_m[2]
     if board.quantity == "reflectivity":  # emission and reflection are linear in it
         return [
-            Surface(flag, board.temperature_k, Constant(end)) for end in (picture.low, picture.high)
+            Surface(flag, board.temperature_k, Constant(end), z)
+            for end in (picture.low, picture.high)
         ]
     return [
-        Surface(flag, float(t), Constant(board.reflectivity))
+        Surface(flag, float(t), Constant(board.reflectivity), z)
         for t in np.linspace(picture.low, picture.high, LEVELS)
     ]
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
+from typing import ClassVar, Literal, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +15,12 @@ Array = NDArray[np.float64]
 
 FEWEST, MOST = 17, 8193  # nodes of a look-up
 TOLERANCE = 1e-6  # of a look-up between its nodes, relative to the largest value
+HORIZON = 1e-12  # the sine of an elevation that is as good as none
+
+# What is seen in a surface: what stands in the mirrored direction; the mean over the half of space
+# that it faces, weighted with the cosine from its normal (Lambert); or, where there is no surface,
+# what stands behind.
+View = Literal["mirrored", "scattered", "behind"]
 
 
 class Mirror(Protocol):
@@ -23,6 +29,10 @@ class Mirror(Protocol):
     @property
     def angular(self) -> bool:
         """Returns whether that depends on the angle."""
+
+    @property
+    def view(self) -> View:
+        """Returns what is seen in the surface."""
 
     def reflectivity(self, frequency_hz: Array, cosine: Array) -> Array:
         """Returns the part of the power that is reflected, of the arguments' common shape.
@@ -33,27 +43,56 @@ class Mirror(Protocol):
 
 @dataclass(frozen=True)
 class Constant:
-    """A surface that reflects the same part at every angle and frequency."""
+    """A rough surface that reflects the same part at every angle and frequency."""
 
     value: float
     angular = False
+    view: ClassVar[View] = "scattered"
 
     def reflectivity(self, frequency_hz: Array, cosine: Array) -> Array:
         """Returns that part in the arguments' common shape."""
         return np.broadcast_to(self.value, np.broadcast_shapes(frequency_hz.shape, cosine.shape))
 
 
-class Surroundings(Protocol):
-    """What is seen where nothing of the scene is. It is hashable."""
+@dataclass(frozen=True)
+class Opening:
+    """No surface: all that stands behind is seen."""
+
+    angular = False
+    view: ClassVar[View] = "behind"
+
+    def reflectivity(self, frequency_hz: Array, cosine: Array) -> Array:
+        """Returns ones in the arguments' common shape."""
+        return np.ones(np.broadcast_shapes(frequency_hz.shape, cosine.shape))
+
+
+class Backdrop(Protocol):
+    """What is seen by elevation where nothing of the scene is. It is hashable."""
+
+    @property
+    def knee(self) -> float:
+        """Returns the sine of an elevation, between 0 and 1, at which it may have a bend."""
+
+    def contrast(self, frequency_hz: Array, elevation: Array, air_k: float) -> Array:
+        """Returns its radiance less planck(air_k), (frequency, direction).
+
+        `frequency_hz` is (frequency,), and `elevation` (direction,) the sine of the angle above the
+        horizon, from -1 to 1.
+        """
+
+
+class Surroundings(Backdrop, Protocol):
+    """What is seen in surfaces, from anywhere in the scene."""
 
     @property
     def angular(self) -> bool:
         """Returns whether it depends on the elevation."""
 
-    def contrast(self, frequency_hz: Array, elevation: Array, air_k: float) -> Array:
-        """Returns its radiance less planck(air_k), of the first two arguments' common shape.
+    def scattered(self, frequency_hz: Array, upward: Array, height_m: float, air_k: float) -> Array:
+        """Returns the mean radiance before Lambert faces less planck(air_k), (frequency, face).
 
-        `elevation` is the sine of the angle above the horizon, from -1 to 1.
+        `upward` (face,) is the vertical component of their normals, from -1 to 1, and `height_m`
+        that of their place.
         """
 
 
@@ -63,11 +102,17 @@ class Enclosure:
 
     temperature_k: float
     angular = False
+    knee = 0.5
 
     def contrast(self, frequency_hz: Array, elevation: Array, air_k: float) -> Array:
-        """Returns the radiance of the walls less planck(air_k)."""
+        """Returns the radiance of the walls less planck(air_k), (frequency, direction)."""
         found = radiometry.planck_difference(frequency_hz, self.temperature_k, air_k)
-        return np.broadcast_to(found, np.broadcast_shapes(frequency_hz.shape, elevation.shape))
+        return np.broadcast_to(found[:, None], (len(frequency_hz), len(elevation)))
+
+    def scattered(self, frequency_hz: Array, upward: Array, height_m: float, air_k: float) -> Array:
+        """Returns the same before any face, (frequency, face)."""
+        del height_m
+        return self.contrast(frequency_hz, upward, air_k)
 
 
 def by_cosine(mirrors: tuple[Mirror, ...], frequency_hz: Array) -> Array:
@@ -78,10 +123,36 @@ def by_cosine(mirrors: tuple[Mirror, ...], frequency_hz: Array) -> Array:
     )
 
 
-def by_elevation(surroundings: Surroundings, frequency_hz: Array, air_k: float) -> Array:
-    """Returns contrasts at equal steps of the elevation's sine from -1 to 1, (frequency, node)."""
-    hz = frequency_hz[:, None]
-    return _look_up(lambda sine: surroundings.contrast(hz, sine, air_k), -1.0)
+def by_elevation(backdrop: Backdrop, frequency_hz: Array, air_k: float, knee: float) -> Array:
+    """Returns contrasts by elevation, (frequency, 3 node), as surfaces/source.cl looks them up.
+
+    The three parts are: below the horizon, from it down; from the horizon up to the knee; from the
+    knee to straight up. `knee` is the root of its sine. Nodes are at equal steps of such roots,
+    since what is seen changes fast near the horizon, where it jumps.
+    """
+
+    def law(part: Array) -> Array:
+        down = -np.maximum(part**2, HORIZON)
+        low, high = (knee * part) ** 2, np.minimum((knee + (1 - knee) * part) ** 2, 1.0)
+        sines = down, low, high
+        return np.stack([backdrop.contrast(frequency_hz, one, air_k) for one in sines], axis=1)
+
+    found = _look_up(law, 0.0)
+    return np.ascontiguousarray(found.reshape(len(frequency_hz), -1))
+
+
+def by_tilt(
+    surroundings: Surroundings, frequency_hz: Array, heights_m: tuple[float, ...], air_k: float
+) -> Array:
+    """Returns what Lambert faces see at equal steps of their normal's vertical component.
+
+    It is (height, frequency, node), from faces that look down to faces that look up.
+    """
+
+    def law(upward: Array) -> Array:
+        return np.array([surroundings.scattered(frequency_hz, upward, z, air_k) for z in heights_m])
+
+    return _look_up(law, -1.0)
 
 
 def _look_up(law: Callable[[Array], Array], low: float) -> Array:
@@ -91,12 +162,16 @@ def _look_up(law: Callable[[Array], Array], low: float) -> Array:
     nodes suffice for that.
     """
     nodes = FEWEST
-    values = law(np.linspace(low, 1.0, nodes))
+    at = np.linspace(low, 1.0, nodes)
+    values = law(at)
     while nodes < MOST:
-        finer = law(np.linspace(low, 1.0, 2 * nodes - 1))
-        middle = (values[..., 1:] + values[..., :-1]) / 2
-        wrong = np.abs(finer[..., 1::2] - middle).max()
-        if wrong <= TOLERANCE * np.abs(finer).max():
+        middle = (at[1:] + at[:-1]) / 2
+        between = law(middle)
+        wrong = np.abs(between - (values[..., 1:] + values[..., :-1]) / 2).max()
+        if wrong <= TOLERANCE * max(np.abs(values).max(), np.abs(between).max()):
             break
-        nodes, values = 2 * nodes - 1, finer
+        nodes = 2 * nodes - 1
+        finer = np.empty((*values.shape[:-1], nodes))
+        finer[..., ::2], finer[..., 1::2] = values, between
+        at, values = np.linspace(low, 1.0, nodes), finer
     return np.ascontiguousarray(values)

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from thzcl.device.kernels import Kernels
 from thzcl.device.opencl import Device
 from thzcl.surfaces.ends import Facing
 from thzcl.surfaces.radiance import Table
@@ -14,13 +16,29 @@ from thzcl.surfaces.radiance import Table
 Array = NDArray[np.float64]
 
 
+@dataclass(frozen=True, kw_only=True)
+class SourceKernels(Kernels):
+    """Kernels that read surfaces/source.cl, with its options."""
+
+    billboards: bool = False
+    cosines: int | None = None
+    elevations: int | None = None
+    tilts: int | None = None
+    scattered: int | None = None
+    seen: int | None = None
+
+
 def options(facing: Facing, table: Table) -> dict[str, Any]:
     """Returns the options of kernels that read surfaces/source.cl."""
-    angular = table.angular
-    return {
-        "billboards": len(facing.blend) > 1,
-        "cosines": None if angular is None else angular.reflectivity.shape[2],
-        "elevations": None if angular is None else angular.seen.shape[1],
+    textured, angular = {"billboards": len(facing.blend) > 1}, table.angular
+    if angular is None:
+        return textured
+    return textured | {
+        "cosines": angular.reflectivity.shape[2],
+        "elevations": angular.elevations,
+        "tilts": angular.tilts,
+        "scattered": angular.scattered,
+        "seen": angular.seen.shape[1],
     }
 
 
@@ -32,17 +50,22 @@ def arguments(
     With `weights` (band, frequency), what is sent and what is seen are multiplied by them, and have
     the band as first axis.
     """
-    angular = table.angular
-    sent, seen = table.sent, None if angular is None else angular.seen
-    if weights is not None:
-        sent = weights[:, None, :] * sent
-        seen = None if seen is None else weights[:, :, None] * seen
-    return {
+    angular, weighted = table.angular, 1.0 if weights is None else weights[:, :, None]
+    sent = table.sent if weights is None else weights[:, None, :] * table.sent
+    of_rays = {
         "emitted": device.put(sent, precision),
         "blend": facing.blend,
         "cosine": facing.cosine,
         "elevation": facing.elevation,
-        "mirror": None if angular is None else device.put(angular.mirror, np.int32),
-        "reflectivity": None if angular is None else device.put(angular.reflectivity, precision),
-        "seen": None if seen is None else device.put(seen, precision),
+        "upward": facing.upward,
+    }
+    if angular is None:
+        absent = dict.fromkeys(("mirror", "view", "reflectivity", "seen"))
+        return of_rays | absent | {"knee": 0.0}
+    return of_rays | {
+        "mirror": device.put(angular.mirror, np.int32),
+        "view": device.put(angular.view, np.int32),
+        "reflectivity": device.put(angular.reflectivity, precision),
+        "seen": device.put(weighted * angular.seen, precision),
+        "knee": angular.knee,
     }
