@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+import json
+
+import h5py
+import numpy as np
+import oracle
 import pytest
 from scenes import run, scene, write
 
@@ -146,7 +151,48 @@ def test_refraction_that_is_left_out_is_estimated(tmp_path):
         2 * found.scintillation_db
     )
     told = overview.as_json(pipeline.prepare(write(tmp_path, scene())))["refraction_left_out"]
-    assert told["path_m"] == pytest.approx(90.0, rel=0.02)
+    assert told["path_m"] == pytest.approx(25.0, rel=0.03)  # the box, not the background
     assert told["scintillation_db"] > 0
     even = overview.as_json(pipeline.prepare(write(tmp_path, scene(atmosphere__fluctuations=None))))
     assert even["refraction_left_out"] is None
+
+
+@pytest.mark.parametrize(
+    ("name", "constant"), [("quick", 1.428), ("figure6", 0.26), ("slide", 1.6)]
+)
+def test_what_fluctuates_is_told_whichever_was_given(name, constant):
+    """C_q^2 of shipped scenes, of which sigma is given; and back."""
+    told = overview.as_json(pipeline.prepare(name))["air"]
+    assert told["structure_constant_q"] == pytest.approx(constant, rel=0.02)
+    assert told["sigma_percent"] == 20.0
+    changes = {
+        "atmosphere.fluctuations.sigma_percent": None,
+        "atmosphere.fluctuations.structure_constant_q": told["structure_constant_q"],
+    }
+    assert overview.as_json(pipeline.prepare(name, changes))["air"] == pytest.approx(told)
+
+
+def test_a_cube_stands_for_an_outer_scale(tmp_path):
+    """That of von Karman's air of the same variance, by its integral over wave numbers."""
+    told = overview.as_json(pipeline.prepare(write(tmp_path, scene())))["air"]
+    k0, k = 2 * np.pi / told["outer_scale_m"], np.logspace(-6, 4, 200_001)
+    density = 0.0330054 * told["structure_constant_q"] * (k**2 + k0**2) ** (-11 / 6)
+    variance = np.trapezoid(4 * np.pi * k**2 * density, k)
+    grams = 0.70 * oracle.saturation_hpa(290.0) * 100 / 461.525 / 290.0 * 1e3
+    assert np.sqrt(variance) == pytest.approx(0.2 * grams, rel=2e-3)
+    karman = {"spectrum": "von-karman", "outer_scale_m": 7.0}
+    own = scene()
+    own["atmosphere"]["fluctuations"] |= karman
+    assert overview.as_json(pipeline.prepare(write(tmp_path, own)))["air"]["outer_scale_m"] == 7.0
+
+
+def test_a_result_tells_how_its_air_fluctuates(tmp_path, thzcl_command):
+    found = run(tmp_path, scene())
+    told = overview.as_json(pipeline.prepare(write(tmp_path, scene())))["air"]
+    assert found.summary()["air"] == told
+    path = found.save(tmp_path / "one.nc")
+    with h5py.File(path) as file:
+        assert json.loads(file.attrs["air"]) == [{"variant": "scene", **told}]
+    assert "C_q^2" in thzcl_command("plan", "quick").stdout
+    even = run(tmp_path, scene(atmosphere__fluctuations=None)).summary()["air"]
+    assert even == {"structure_constant_q": 0.0, "sigma_percent": 0.0, "outer_scale_m": None}

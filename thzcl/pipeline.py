@@ -236,6 +236,8 @@ def _result(plan: Plan, device: Device, made: list[_Made], clock: Clock, figure:
         cubes=_cubes(pairs),
         models=tuple(name for name in models if name in {models[0], *held}) if held else (),
         spread_shown=first.scene.output.model_spread,
+        airs=tuple({"variant": v.name, **report.fluctuations(v)} for v in plan.variants),
+        skies=tuple(report.skies(plan)),
     )
 
 

@@ -102,22 +102,39 @@ def _notes(found: dict[str, Any]) -> list[str]:
         f"error of the absorption polynomial: {error}",
         f"voxels crossed: about {found['voxel_segments']:,}",
         f"memory at the peak: about {found['memory_bytes'] / 2**20:,.0f} MiB",
-        *_blended(found["sky"]),
+        *air_lines(found["airs"]),
+        *sky_lines(found["sky"]),
         *_refraction(found["refraction_left_out"]),
         *(f"note: {warning}" for warning in found["warnings"]),
     ]
 
 
-def _blended(skies: list[dict[str, Any]]) -> list[str]:
+def air_lines(airs: list[dict[str, Any]]) -> list[str]:
+    """Returns how humidity fluctuates in the variants' air, alike ones in one line."""
+    alike: dict[str, list[str]] = {}
+    for air in airs:
+        constant, sigma = air["structure_constant_q"], air["sigma_percent"]
+        if constant is None or sigma is None or not sigma:
+            continue
+        text = f"C_q^2 {constant:.4g} (g/m3)^2 m^-2/3, sigma {sigma:.4g} %"
+        if air["outer_scale_m"] is not None:
+            text += f", for an outer scale of {air['outer_scale_m']:.3g} m"
+        alike.setdefault(text, []).append(air["variant"])
+    every = len(alike) == 1 and len(airs) == len(next(iter(alike.values())))
+    return [
+        f"humidity fluctuates{'' if every else ' in ' + ', '.join(names)}: {text}"
+        for text, names in alike.items()
+    ]
+
+
+def sky_lines(skies: list[dict[str, Any]]) -> list[str]:
     """Returns how the scene's air departs from the sky's profile, and where rays leave it."""
     found = []
     for sky in skies:
         air = f"{sky['departure_k']:+.3g} K, vapour times {sky['vapour_ratio']:.3g}"
-        text = f"the scene's air is blended into the profile over 1 km ({air})"
-        if sky["leaves_scene_at_m"] is not None:
-            text += f"; rays that meet nothing leave it at {sky['leaves_scene_at_m']:g} m"
-            text += f", which changes the sky by up to {sky['uniform_air_k']:.2g} K"
-        found.append(text)
+        text = f"sky: the scene's air is blended into {sky['profile']} over 1 km ({air})"
+        even = f"even up to {sky['even_air_to_m']:g} m, which changes it"
+        found.append(f"{text}; it is {even} by up to {sky['even_air_k']:.2g} K from 3 degrees on")
     return list(dict.fromkeys(found))
 
 

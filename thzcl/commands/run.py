@@ -41,6 +41,7 @@ def run(
 ) -> None:
     """Compute the images of a scenario: DIR/<scenario>.nc and DIR/<scenario>.png."""
     from thzcl import pipeline
+    from thzcl.commands.plan import air_lines, sky_lines
     from thzcl.commands.tables import show, show_json
     from thzcl.commands.terminal import note, progress, wrote
     from thzcl.files import make_folder
@@ -65,6 +66,8 @@ def run(
     elif not quiet:
         show(*tables(found))
         note(f"device: {found['device']}")
+        for line in (*air_lines(found["airs"]), *sky_lines(found["sky"])):
+            note(line)
         for warning in found["warnings"]:
             note(f"note: {warning}")
         wrote(found["files"])

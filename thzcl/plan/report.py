@@ -13,7 +13,7 @@ from thzcl.paths.specs import TraceSpec
 from thzcl.plan import sky
 from thzcl.plan.plan import Plan
 from thzcl.plan.variant import PlannedVariant
-from thzcl.surfaces.geometry import KINDS
+from thzcl.surfaces.geometry import FIRST_TARGET, GROUND, KINDS
 from thzcl.turbulence import cube_file
 from thzcl.turbulence.fields import AnyField, CubeSpec
 from thzcl.turbulence.spectra import beyond_table
@@ -30,6 +30,7 @@ STAGES = (
     "optics",
     "noise",
 )
+_FLUCTUATIONS = ("structure_constant_q", "sigma_percent", "outer_scale_m")
 
 
 BEARABLE_FIT = 1e-4  # error of the absorption polynomial, beyond which there is a warning
@@ -236,10 +237,38 @@ def numerics(variant: PlannedVariant) -> dict[str, object]:
     }
 
 
+def fluctuations(variant: PlannedVariant) -> dict[str, float | None]:
+    """Returns how humidity fluctuates in a variant's cube, whichever of it the scene gives.
+
+    That is C_q^2 in g^2 m^-6 m^(-2/3), the standard deviation in per cent of the mean, and the
+    outer scale that the cube stands for, in m. In even air the first two are 0; what is not known
+    (of a cube from a file, or of a measured spectrum) is None.
+    """
+    if variant.cube is None:
+        return dict(zip(_FLUCTUATIONS, (0.0, 0.0, None), strict=True))
+    random = variant.cube.random
+    if random is None:
+        return dict.fromkeys(_FLUCTUATIONS)
+    constant, _ = random.structure_constants(variant.air.absolute_humidity_g_m3)
+    values = constant, 100 * random.sigma, random.meant_outer_scale_m
+    return dict(zip(_FLUCTUATIONS, values, strict=True))
+
+
+def _looked_at_m(variant: PlannedVariant) -> float:
+    """Returns the longest ray to a target, or else to the ground, or else of all, m."""
+    rays = variant.sample
+    for nearest in (FIRST_TARGET, GROUND):
+        seen = rays.length[rays.surface >= nearest]
+        if len(seen):
+            return float(seen.max())
+    return variant.longest_m
+
+
 def refraction(plan: Plan) -> Refraction | None:
     """Returns the estimate of refraction for the variant in which it scintillates most.
 
-    It is made for the longest path. Returns None if no variant's air fluctuates at random.
+    It is made for the longest path to what is looked at. Returns None if no variant's air
+    fluctuates at random.
     """
     found = []
     for variant in plan.variants:
@@ -251,7 +280,7 @@ def refraction(plan: Plan) -> Refraction | None:
         constant = structure_constant_n(air, *constants)
         aperture = variant.needs.optics.aperture_m if variant.needs.optics else None
         highest = float(variant.image.spectrum.nodes_hz.array.max())
-        found.append(estimate(constant, highest, variant.longest_m, aperture))
+        found.append(estimate(constant, highest, _looked_at_m(variant), aperture))
     return max(found, key=lambda one: one.scintillation_db, default=None)
 
 
@@ -269,6 +298,8 @@ def as_json(plan: Plan, figure: bool = True) -> dict[str, object]:
         "moments": moments(plan),
         "surrogate_error": expansion_error(plan),
         "numerics": [numerics(variant) for variant in plan.variants],
+        "air": fluctuations(plan.variants[0]),
+        "airs": [{"variant": one.name, **fluctuations(one)} for one in plan.variants],
         "sky": skies(plan),
         "refraction_left_out": None if left is None else left._asdict(),
         "warnings": warnings(plan, planned_errors(plan)),

@@ -83,16 +83,15 @@ def table(sources: Sources, frequency_hz: Array) -> dict[str, Any] | None:
     sine = np.sin(np.radians(ELEVATIONS_DEG))
     contrast, depth = sky.seen_above(column, hz, sine, column.scene_m)
     warmer, moister, denser = column.departure()
-    behind = sources.behind if isinstance(sources, Emission) else None
     return {
         "profile": column.profile.name,
         "seen_in": list(sources.sky_views()),
         "seen_from_m": column.scene_m,
-        "leaves_scene_at_m": behind.ceiling_m if isinstance(behind, Behind) else None,
+        "even_air_to_m": column.even_m,
         "departure_k": round(warmer, 3),
         "vapour_ratio": float(f"{moister:.4g}"),
         "pressure_ratio": float(f"{denser:.4g}"),
-        "uniform_air_k": float(f"{uniform_air_k(column, hz):.3g}"),
+        "even_air_k": float(f"{even_air_k(column, hz):.3g}"),
         "elevation_deg": list(ELEVATIONS_DEG),
         "frequency_ghz": [round(float(f) / 1e9, 9) for f in hz],
         "brightness_temperature_k": np.round(_kelvin(column, hz, contrast), 3).tolist(),
@@ -122,7 +121,7 @@ def _kelvin(column: Column, frequency_hz: Array, contrast: Array) -> Array:
     return np.asarray(air_k + above_air)
 
 
-def uniform_air_k(column: Column, frequency_hz: Array) -> float:
+def even_air_k(column: Column, frequency_hz: Array) -> float:
     """Returns the most by which the sky changes because the scene's air is even, K.
 
     It is that from 3 degrees above the horizon on, as the camera sees it, against air that is
@@ -183,8 +182,8 @@ def _of_column(found: Sky | None, frequency_hz: Array) -> list[str]:
     if rows.pressure_hpa.array[-1] > SPARSE_HPA:
         top, hpa = rows.top_m / 1e3, rows.pressure_hpa.array[-1]
         told.append(f"the sky's profile ends at {top:g} km, {hpa:.3g} hPa: no air is taken above")
-    changed = uniform_air_k(column, frequency_hz)
-    if changed > 0.05:
+    changed = even_air_k(column, frequency_hz)
+    if changed > TOLD_K:
         text = f"the scene's air, even up to {column.even_m:g} m, changes the sky"
         told.append(f"{text} by up to {changed:.2g} K from {LOWEST_DEG:g} degrees on")
     return told

@@ -90,6 +90,8 @@ class Contents:
     cubes: tuple[Cube, ...] = ()  # one, or one for each variant
     models: tuple[str, ...] = ()  # where models are compared: their names, that of the images first
     spread_shown: bool = False  # whether pictures show how far the models differ
+    airs: tuple[dict[str, Any], ...] = ()  # how humidity fluctuates in each variant
+    skies: tuple[dict[str, Any], ...] = ()  # of the variants that see one, by elevation
 
     def image_difference(self) -> Array | None:
         """Returns the first image of `difference` less the second, (y, x).

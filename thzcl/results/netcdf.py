@@ -65,6 +65,8 @@ def attributes(result: Contents) -> dict[str, Any]:
         "left_out": json.dumps(result.left_out),
         "warnings": json.dumps(result.warnings),
         "error_budget": json.dumps(result.error_budget),
+        "air": json.dumps(result.airs),
+        "sky": json.dumps(result.skies),
         "voxel_segments": np.int64(result.voxel_segments),
         "grid_rotation": json.dumps(_rotation(result.grid_rotations)),
     }

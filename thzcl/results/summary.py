@@ -23,7 +23,15 @@ def summary(result: Contents) -> dict[str, Any]:
         "error_budget": result.error_budget,
         "voxel_segments": result.voxel_segments,
         "variants": [_of_variant(variant, result) for variant in result.variants],
+        "air": _named(result.airs[0]) if result.airs else None,
+        "airs": list(result.airs),
+        "sky": list(result.skies),
     }
+
+
+def _named(air: dict[str, Any]) -> dict[str, Any]:
+    """Returns how the air of a variant fluctuates, without the variant's name."""
+    return {name: value for name, value in air.items() if name != "variant"}
 
 
 def _of_variant(variant: VariantResult, result: Contents) -> dict[str, Any]:

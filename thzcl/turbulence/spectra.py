@@ -63,6 +63,18 @@ class Turbulence:
         return self.grid * self.voxel_m
 
     @property
+    def meant_outer_scale_m(self) -> float | None:
+        """Returns the outer scale that the cube stands for, m; None for a measured spectrum.
+
+        Without an outer scale of its own, it is that of von Karman's air with the cube's variance
+        and structure constant, 1.6 periods: 0.1537 C^2 L0^(2/3) is the variance of such air.
+        """
+        if self.table is not None or self.outer_scale_m is not None:
+            return self.outer_scale_m
+        shape = math.sqrt(math.pi) / 4 * math.gamma(1 / 3) / math.gamma(11 / 6)
+        return float((self.unit_variance / (KOLMOGOROV * 4 * math.pi * shape)) ** 1.5)
+
+    @property
     def temperature_fluctuates(self) -> bool:
         """Returns whether temperature fluctuates, so that a second field is needed."""
         return self.temperature_sigma_k > 0
