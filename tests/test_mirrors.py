@@ -47,6 +47,7 @@ class Sky:
 
     angular = True
     knee = 0.3
+    dip = 1.0
 
     def kelvin(self, frequency_hz, elevation):
         """The temperature of a black body as bright as the sky there."""

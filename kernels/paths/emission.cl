@@ -52,7 +52,7 @@ __kernel void emission(__global const real *restrict delta, __global const real 
                        __global const real *restrict upward, __global const int *restrict mirror,
                        __global const int *restrict view,
                        __global const real *restrict reflectivity,
-                       __global const real *restrict seen, real knee, real cutoff,
+                       __global const real *restrict seen, real knee, real dip, real cutoff,
                        __global int *restrict segments,
                        __global real *restrict depth_out, __global real *restrict contrast_out)
 {
@@ -119,7 +119,7 @@ __kernel void emission(__global const real *restrict delta, __global const real 
     march_record_ends(&ray, ended, picked, count, first_ray, path_length, surface);
 #endif
     const sources from = {emitted, surface, blend,        cosine, elevation, upward,
-                          mirror,  view,    reflectivity, seen,   knee};
+                          mirror,  view,    reflectivity, seen,   knee,   dip};
     UNROLLED
     for (int f = 0; f < FREQUENCIES; ++f) {
         const reals source = surface_value(&from, first_ray, FREQUENCIES, f);

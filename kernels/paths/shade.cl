@@ -41,7 +41,8 @@ __kernel void shade(__global const real *restrict path_length,
                     __global const real *restrict cosine, __global const real *restrict elevation,
                     __global const real *restrict upward, __global const int *restrict mirror,
                     __global const int *restrict view, __global const real *restrict reflectivity,
-                    __global const real *restrict seen, real knee, int frequencies, int row,
+                    __global const real *restrict seen, real knee, real dip, int frequencies,
+                    int row,
                     __global real *restrict depth, __global real *restrict contrast)
 {
     const int first_ray = get_global_id(0) * LANES, padded = get_global_size(0) * LANES;
@@ -52,7 +53,7 @@ __kernel void shade(__global const real *restrict path_length,
     const int alike = all_alike(surface, first_ray);
     __global const real *sent = emitted + surface[first_ray] * frequencies;
     const sources from = {emitted, surface, blend,        cosine, elevation, upward,
-                          mirror,  view,    reflectivity, seen,   knee};
+                          mirror,  view,    reflectivity, seen,   knee,   dip};
     for (int f = 0; f < frequencies; ++f) {
         const reals tau = depth_of(coefficients + f * (MOMENTS + 1), length, m);
         const reals source =
@@ -83,7 +84,8 @@ __kernel void shade_bands(__global const real *restrict path_length,
                           __global const real *restrict upward,
                           __global const int *restrict mirror, __global const int *restrict view,
                           __global const real *restrict reflectivity,
-                          __global const real *restrict seen, real knee, int frequencies, int surfaces,
+                          __global const real *restrict seen, real knee, real dip,
+                          int frequencies, int surfaces,
                           __global real *restrict depth, __global real *restrict contrast)
 {
     const int first_ray = get_global_id(0) * LANES, padded = get_global_size(0) * LANES;
@@ -96,7 +98,7 @@ __kernel void shade_bands(__global const real *restrict path_length,
         __global const real *table = emitted + b * surfaces * frequencies,
                             *row = table + surface[first_ray] * frequencies;
         sources from = {table,  surface, blend,        cosine, elevation, upward,
-                        mirror, view,    reflectivity, seen,   knee};
+                        mirror, view,    reflectivity, seen,   knee,   dip};
 #ifdef COSINES
         from.seen += b * frequencies * SEEN;
 #endif

@@ -8,10 +8,11 @@
 // `table` (surface, column); by ray: the `surface` met, its `blend` with the next one, the `cosine`
 // between ray and normal, the sine of the mirrored ray's `elevation`, and the `upward` component of
 // the normal; the number of each surface's `mirror`; `reflectivity` (mirror, column, COSINES) from
-// grazing to upright. What is `seen` in surfaces is (column, SEEN): up to SCATTERED, by elevation,
-// sets of three parts of ELEVATIONS nodes at equal steps of the root of its sine (from the horizon
-// down, from the horizon to the root `knee`, and on to straight up); from there on, by the normal of
-// rough surfaces, sets of TILTS nodes, from faces that look down to faces that look up. `view` is
+// grazing to upright. What is `seen` in surfaces is (column, SEEN). Up to SCATTERED it holds sets
+// by elevation, of three parts of ELEVATIONS nodes at equal steps of the root of its sine: from the
+// horizon down (in the first set to the root `dip`, beyond which it is constant), from the horizon
+// to the root `knee`, and on to straight up. From there on it holds sets for rough surfaces, of
+// TILTS nodes at equal steps of the normal's angle, from straight down to straight up. `view` is
 // where the set of each surface begins.
 typedef struct {
     __global const real *table;
@@ -19,7 +20,7 @@ typedef struct {
     __global const real *blend, *cosine, *elevation, *upward;
     __global const int *mirror, *view;
     __global const real *reflectivity, *seen;
-    real knee;
+    real knee, dip;
 } sources;
 
 #ifdef COSINES
@@ -32,12 +33,18 @@ static inline real between(__global const real *row, int nodes, real part)
 }
 
 // What a set of nodes by elevation holds; beyond the knee the second part is followed by the third.
-static inline real by_elevation(__global const real *set, real sine, real knee)
+static inline real by_elevation(__global const real *set, real sine, real knee, real dip)
 {
     const real root = sqrt(fabs(sine));
-    if (sine < 0) return between(set, ELEVATIONS, root);
+    if (sine < 0) return between(set, ELEVATIONS, min(root / dip, (real)1));
     if (root < knee) return between(set + ELEVATIONS, ELEVATIONS, root / knee);
     return between(set + 2 * ELEVATIONS, ELEVATIONS, (root - knee) / (1 - knee));
+}
+
+// Where in a set of nodes by tilt a normal lies whose vertical component is given.
+static inline real by_tilt(real upward)
+{
+    return (real)0.5 + asin(upward) * (real)0.31830988618379067;
 }
 #endif
 
@@ -51,8 +58,9 @@ static inline real sent_by(const sources *from, int ray, int surface, int column
     const int view = from->view[surface];
     __global const real *set = from->seen + column * SEEN + view;
     const real seen = view < SCATTERED
-                          ? by_elevation(set, from->elevation[ray], from->knee)
-                          : between(set, TILTS, (real)0.5 + (real)0.5 * from->upward[ray]);
+                          ? by_elevation(set, from->elevation[ray], from->knee,
+                                         view == 0 ? from->dip : (real)1)
+                          : between(set, TILTS, by_tilt(from->upward[ray]));
     return own + between(mirror, COSINES, from->cosine[ray]) * (seen - own);
 #else
     return own;

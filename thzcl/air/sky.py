@@ -222,21 +222,57 @@ def tilted(upward: Array, points: int = POINTS) -> tuple[Array, Array]:
     weighted with the cosine from the normal, averaged over all azimuths. The first half of the
     points lies above the horizon and has (1 + upward) / 2 of the weight.
     """
-    x, w = np.polynomial.legendre.leggauss(points)
-    root = (1 + x) / 2  # of the sine, since the sky changes fast near the horizon
-    sine, step = root**2, root * w
-    sine, step = np.concatenate([sine, -sine]), np.concatenate([step, step])
-    along = upward[:, None] * sine
-    across = np.sqrt((1 - upward**2)[:, None] * (1 - sine**2))
+    nodes, _ = _gauss(points)
+    root = (1 + nodes) / 2  # of the sine, since the sky changes fast near the horizon
+    halves = [
+        np.array([_of_tilt(float(one), side, nodes) for one in upward]) for side in (1.0, -1.0)
+    ]
+    return np.concatenate([root**2, -(root**2)]), np.hstack(halves)
+
+
+def _of_tilt(upward: float, side: float, nodes: Array) -> Array:
+    """Returns the weights of directions above (1) or below (-1) the horizon, (point,).
+
+    The weight of a direction has a bend where all azimuths begin to lie before the face, at the
+    elevation of its tilt. The integral is cut there, and what is seen is taken as the polynomial
+    through the points.
+    """
+    x, w = _gauss(max(len(nodes) // 2, 4))
+    bend = (1 - upward**2) ** 0.25  # the root of the sine of that elevation
+    parts = [(low, high) for low, high in ((0.0, bend), (bend, 1.0)) if high > low]
+    root = np.concatenate([low + (high - low) * (1 + x) / 2 for low, high in parts])
+    step = np.concatenate([(high - low) * w for low, high in parts])
+    sine = side * root**2
+    along, across = upward * sine, np.sqrt((1 - upward**2) * (1 - sine**2))
     with np.errstate(divide="ignore", invalid="ignore"):
         lit = np.arccos(np.clip(-along / across, -1, 1))  # half of the azimuths before the face
     lit = np.where(across > 0, lit, np.where(along > 0, np.pi, 0.0))
-    weight = np.maximum(along * lit + across * np.sin(lit), 0.0) * step
-    for half, share in ((slice(points), 1 + upward), (slice(points, None), 1 - upward)):
-        total = weight[:, half].sum(axis=1)
-        part = np.divide(share / 2, total, out=np.zeros_like(total), where=total > 0)
-        weight[:, half] *= part[:, None]
-    return sine, weight
+    weight = np.maximum(along * lit + across * np.sin(lit), 0.0) * root * step
+    total, share = weight.sum(), (1 + side * upward) / 2
+    if not total > 0:
+        return np.zeros(len(nodes))
+    return (weight * (share / total)) @ _polynomials(nodes, 2 * root - 1)
+
+
+def _polynomials(nodes: Array, at: Array) -> Array:
+    """Returns the polynomials that are 1 at one of the nodes and 0 at the others, (place, node).
+
+    It is the barycentric formula for Gauss' nodes (Berrut and Trefethen 2004, SIAM Review 46, 501).
+    """
+    _, w = _gauss(len(nodes))
+    signs = (-1.0) ** np.arange(len(nodes)) * np.sqrt((1 - nodes**2) * w)
+    apart = at[:, None] - nodes
+    met = np.abs(apart) < 1e-14
+    terms = signs / np.where(met, 1.0, apart)
+    found = terms / terms.sum(axis=1, keepdims=True)
+    return np.where(met.any(axis=1, keepdims=True), met.astype(np.float64), found)
+
+
+@lru_cache(maxsize=8)
+def _gauss(points: int) -> tuple[Array, Array]:
+    """Returns the nodes and weights of Gauss and Legendre's rule from -1 to 1."""
+    x, w = np.polynomial.legendre.leggauss(points)
+    return x, w
 
 
 def _hashed(frequency_hz: Array) -> tuple[float, ...]:

@@ -73,6 +73,10 @@ class Backdrop(Protocol):
     def knee(self) -> float:
         """Returns the sine of an elevation, between 0 and 1, at which it may have a bend."""
 
+    @property
+    def dip(self) -> float:
+        """Returns the sine of an angle below the horizon, up to 1, from which on it is constant."""
+
     def contrast(self, frequency_hz: Array, elevation: Array, air_k: float) -> Array:
         """Returns its radiance less planck(air_k), (frequency, direction).
 
@@ -103,6 +107,7 @@ class Enclosure:
     temperature_k: float
     angular = False
     knee = 0.5
+    dip = 1.0
 
     def contrast(self, frequency_hz: Array, elevation: Array, air_k: float) -> Array:
         """Returns the radiance of the walls less planck(air_k), (frequency, direction)."""
@@ -126,13 +131,14 @@ def by_cosine(mirrors: tuple[Mirror, ...], frequency_hz: Array) -> Array:
 def by_elevation(backdrop: Backdrop, frequency_hz: Array, air_k: float, knee: float) -> Array:
     """Returns contrasts by elevation, (frequency, 3 node), as surfaces/source.cl looks them up.
 
-    The three parts are: below the horizon, from it down; from the horizon up to the knee; from the
-    knee to straight up. `knee` is the root of its sine. Nodes are at equal steps of such roots,
+    The three parts are: from the horizon down to the dip, from the horizon up to the knee, and from
+    the knee to straight up. `knee` is the root of its sine. Nodes are at equal steps of such roots,
     since what is seen changes fast near the horizon, where it jumps.
     """
+    dip = np.sqrt(backdrop.dip)
 
     def law(part: Array) -> Array:
-        down = -np.maximum(part**2, HORIZON)
+        down = -np.maximum((dip * part) ** 2, HORIZON)
         low, high = (knee * part) ** 2, np.minimum((knee + (1 - knee) * part) ** 2, 1.0)
         sines = down, low, high
         return np.stack([backdrop.contrast(frequency_hz, one, air_k) for one in sines], axis=1)
@@ -144,12 +150,13 @@ def by_elevation(backdrop: Backdrop, frequency_hz: Array, air_k: float, knee: fl
 def by_tilt(
     surroundings: Surroundings, frequency_hz: Array, heights_m: tuple[float, ...], air_k: float
 ) -> Array:
-    """Returns what Lambert faces see at equal steps of their normal's vertical component.
+    """Returns what Lambert faces see at equal steps of their tilt, (height, frequency, node).
 
-    It is (height, frequency, node), from faces that look down to faces that look up.
+    It runs from faces that look down to faces that look up.
     """
 
-    def law(upward: Array) -> Array:
+    def law(part: Array) -> Array:
+        upward = np.sin(np.pi / 2 * part)
         return np.array([surroundings.scattered(frequency_hz, upward, z, air_k) for z in heights_m])
 
     return _look_up(law, -1.0)
@@ -159,7 +166,7 @@ def _look_up(law: Callable[[Array], Array], low: float) -> Array:
     """Returns a law at equal steps from `low` to 1, (..., node), doubled until it is good between.
 
     Straight lines between nodes then err by at most TOLERANCE of the law's largest value, if MOST
-    nodes suffice for that.
+    nodes suffice for that. The law itself is asked until cubic splines do.
     """
     nodes = FEWEST
     at = np.linspace(low, 1.0, nodes)
@@ -167,11 +174,47 @@ def _look_up(law: Callable[[Array], Array], low: float) -> Array:
     while nodes < MOST:
         middle = (at[1:] + at[:-1]) / 2
         between = law(middle)
-        wrong = np.abs(between - (values[..., 1:] + values[..., :-1]) / 2).max()
-        if wrong <= TOLERANCE * max(np.abs(values).max(), np.abs(between).max()):
-            break
+        bearable = TOLERANCE / 2 * max(np.abs(values).max(), np.abs(between).max())
+        smooth = np.abs(between - _spline(at, values, middle)).max() <= bearable
+        values = _merged(values, between)
         nodes = 2 * nodes - 1
-        finer = np.empty((*values.shape[:-1], nodes))
-        finer[..., ::2], finer[..., 1::2] = values, between
-        at, values = np.linspace(low, 1.0, nodes), finer
+        at = np.linspace(low, 1.0, nodes)
+        if smooth:
+            return _straight(at, values, bearable)
     return np.ascontiguousarray(values)
+
+
+def _straight(at: Array, values: Array, bearable: float) -> Array:
+    """Returns a smooth law at so many nodes that straight lines between them serve."""
+    nodes = len(at)
+    fewer = values
+    while nodes > FEWEST and nodes % 2:  # what is straight anyway needs no more than the fewest
+        half = fewer[..., ::2]
+        if np.abs(fewer[..., 1::2] - (half[..., 1:] + half[..., :-1]) / 2).max() > bearable:
+            break
+        fewer, nodes = half, half.shape[-1]
+    if nodes < len(at):
+        return np.ascontiguousarray(fewer)
+    while nodes < MOST:
+        fine = np.linspace(at[0], at[-1], 2 * nodes - 1)
+        finer = _spline(at, values, fine)
+        half = finer[..., ::2]
+        wrong = np.abs(finer[..., 1::2] - (half[..., 1:] + half[..., :-1]) / 2).max()
+        fewer, nodes = finer, 2 * nodes - 1
+        if wrong <= bearable:
+            break
+    return np.ascontiguousarray(fewer)
+
+
+def _merged(values: Array, between: Array) -> Array:
+    """Returns values at nodes and at the middles between them, in order."""
+    found = np.empty((*values.shape[:-1], values.shape[-1] + between.shape[-1]))
+    found[..., ::2], found[..., 1::2] = values, between
+    return found
+
+
+def _spline(at: Array, values: Array, wanted: Array) -> Array:
+    """Returns the cubic spline through values (..., node) at other places, (..., place)."""
+    from scipy.interpolate import CubicSpline
+
+    return np.asarray(CubicSpline(at, values, axis=-1)(wanted))

@@ -48,6 +48,7 @@ class Angular(NamedTuple):
     elevations: int  # nodes of a third of a set by elevation
     tilts: int  # nodes of a set by the normal
     knee: float  # the root of the sine of an elevation
+    dip: float  # the root of the sine at which the first set ends below the horizon
 
 
 class Table(NamedTuple):
@@ -194,6 +195,7 @@ class _Sending(ABC):
             scattered // (3 * max(len(sets), 1)),
             tilts.shape[2],
             look_ups.knee,
+            look_ups.dip,
         )
 
     def brightest(self, frequency_hz: Array) -> Array:
@@ -272,6 +274,7 @@ class _Seen(NamedTuple):
     sets: dict[View, Array]
     tilts: Array
     knee: float
+    dip: float  # of what is seen behind
 
 
 @lru_cache(maxsize=16)  # a plan asks several times
@@ -342,7 +345,8 @@ class Emission(_Sending):
         }
         heights = self.reflecting.heights_m
         tilts = mirrors.by_tilt(self.surroundings, frequency_hz, heights, air_k)
-        return _Seen(_as_fine(sets), tilts, knee)
+        dip = float(np.sqrt(self._backdrop("behind").dip)) if "behind" in sets else 1.0
+        return _Seen(_as_fine(sets), tilts, knee, dip)
 
     @property
     def _sees_alike(self) -> bool:
@@ -424,7 +428,7 @@ class Reflection(_Sending):
         """Returns ones: straight lines are enough for them."""
         count = len(frequency_hz)
         sets = {view: np.ones((count, 6)) for view in ELEVATED if view in self.reflecting.views()}
-        return _Seen(sets, np.ones((1, count, 2)), 0.5)
+        return _Seen(sets, np.ones((1, count, 2)), 0.5, 1.0)
 
     def background(self, frequency_hz: Array) -> Array:
         """Returns ones, (frequency,): the power sent, to which echoes are relative."""

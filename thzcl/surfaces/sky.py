@@ -42,6 +42,7 @@ class Sky:
     floor: Floor | None
     angular = True
     knee = 0.5
+    dip = 1.0
 
     def contrast(self, frequency_hz: Array, elevation: Array, air_k: float) -> Array:
         """Returns what is seen from the scene's own height, (frequency, direction)."""
@@ -111,6 +112,12 @@ class Behind:
         """Returns the sine of the elevation of a ray that reaches the ceiling at its end."""
         sine = (self.ceiling_m - self.camera_m) / self.max_range_m
         return sine if sine < 1 else 0.5
+
+    @property
+    def dip(self) -> float:
+        """Returns the sine of the angle at which a ray reaches the ground at its end."""
+        sine = self.camera_m / self.max_range_m
+        return sine if self.sky.floor is not None and 0 < sine < 1 else 1.0
 
     def contrast(self, frequency_hz: Array, elevation: Array, air_k: float) -> Array:
         """Returns what rays see behind the scene's air, (frequency, direction)."""

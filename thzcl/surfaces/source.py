@@ -61,11 +61,12 @@ def arguments(
     }
     if angular is None:
         absent = dict.fromkeys(("mirror", "view", "reflectivity", "seen"))
-        return of_rays | absent | {"knee": 0.0}
+        return of_rays | absent | {"knee": 0.0, "dip": 0.0}
     return of_rays | {
         "mirror": device.put(angular.mirror, np.int32),
         "view": device.put(angular.view, np.int32),
         "reflectivity": device.put(angular.reflectivity, precision),
         "seen": device.put(weighted * angular.seen, precision),
         "knee": angular.knee,
+        "dip": angular.dip,
     }
