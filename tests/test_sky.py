@@ -19,7 +19,7 @@ from thzcl import pipeline
 from thzcl.air import composition, humidity, profile, radiometry, sky
 from thzcl.air.mean import Air
 from thzcl.air.sky import Column
-from thzcl.errors import ScenarioError
+from thzcl.errors import PluginFailure, ScenarioError
 from thzcl.plan import report
 from thzcl.surfaces.sky import Sky
 
@@ -412,6 +412,85 @@ def test_without_a_sky_nothing_of_it_is_done(tmp_path):
     assert "sky" not in found.seconds
     assert "no [sky]" in {o["stage"]: o["reason"] for o in found.left_out}["sky"]
     assert not any("CEILING" in options for options in found.build_options)
+
+
+# --- what else is in the air
+
+
+@pytest.fixture
+def lower(dust, monkeypatch):
+    """Lets the layer of dust end at a height."""
+    del dust  # it is installed
+    kind = composition.constituent_class("dust")
+
+    def ends_at(metres):
+        monkeypatch.setattr(kind, "layer_top_m", metres)
+        composition.layer_top_m.cache_clear()
+        sky.levels.cache_clear()
+        sky._layers.cache_clear()  # noqa: SLF001 (which a column's equal would find)
+
+    yield ends_at
+    ends_at(1000.0)
+
+
+def dusty(**changes):
+    air = STANDARD | {"dust": {"per_km": 0.5}}
+    data = LOOKING_UP | {"sky": {"profile": "us-standard"}, "atmosphere": air} | changes
+    return scene(**data, sensor__frequency_ghz=[94.0, 220.0])
+
+
+@pytest.mark.parametrize("top_m", [1000.0, 300.0, 62.5])
+def test_a_layer_adds_its_depth_up_to_its_top(tmp_path, lower, top_m):
+    lower(top_m)
+    (told,) = report.as_json(pipeline.prepare(write(tmp_path, dusty())))["sky"]
+    (clear,) = report.as_json(pipeline.prepare(write(tmp_path, dusty(atmosphere=STANDARD))))["sky"]
+    more = np.subtract(told["zenith_depth"], clear["zenith_depth"])
+    assert more == pytest.approx(0.5e-3 * (top_m - 20.0), abs=1e-4)
+    assert told["even_air_to_m"] == min(70.0, top_m)
+
+
+@pytest.mark.parametrize("top_m", [1000.0, 45.0])
+def test_rays_leave_the_scene_at_the_lowest_top(tmp_path, lower, top_m):
+    """What is seen stays what the solver says for the camera."""
+    lower(top_m)
+    found = run(tmp_path, dusty(camera__pixels=[1, 9]))
+    lengths = found.variants[0].radiances.path_length[:, 0]
+    sine = np.array([oracle_ray(dusty(camera__pixels=[1, 9]), row)[2] for row in range(9)])
+    up = sine > 0.2
+    assert lengths[up] == pytest.approx((min(70.0, top_m) - 20.0) / sine[up], rel=1e-6)
+    plan = pipeline.prepare(write(tmp_path, dusty()))
+    above = plan.variants[0].image.sources.behind.sky.column
+    hz = np.array([94e9, 220e9])
+    expected = kelvin(above, hz, sky.seen_above(above, hz, sine[up], 20.0)[0])
+    image = found.variants[0].radiances.brightness_temperature[:, up, 0]
+    assert image == pytest.approx(expected, abs=2e-3)
+    assert found.error_budget["arithmetic"]["relative"] < 2e-6
+
+
+def test_a_scene_above_a_layer_is_refused(tmp_path, lower):
+    lower(15.0)
+    with pytest.raises(ScenarioError, match="a layer of the air ends at 15 m"):
+        pipeline.prepare(write(tmp_path, dusty()))
+
+
+@pytest.mark.parametrize("top_m", ["high", True, 0.0, -3.0, float("nan")])
+def test_a_top_that_is_no_height_is_a_broken_contract(tmp_path, lower, top_m):
+    lower(top_m)
+    with pytest.raises(PluginFailure, match="layer_top_m"):
+        pipeline.prepare(write(tmp_path, dusty()))
+
+
+def test_another_gas_has_another_sky(tmp_path):
+    """Zenith at 94 and 220 GHz in the US standard atmosphere: 49.5 and 184.1 K by MPM93."""
+    data = scene(**(UNDER | {"atmosphere": STANDARD, "sensor__frequency_ghz": [94.0, 220.0]}))
+    found = {}
+    for model in ("mpm93", "p676-13", "r24"):
+        data["atmosphere"] = STANDARD | {"model": model}
+        (told,) = report.as_json(pipeline.prepare(write(tmp_path, data)))["sky"]
+        found[model] = [row[0] for row in told["brightness_temperature_k"]]
+    assert found["mpm93"] == pytest.approx([49.5, 184.1], abs=0.2)
+    assert found["p676-13"] == pytest.approx([47.3, 169.9], abs=0.2)
+    assert found["r24"] == pytest.approx([45.6, 161.5], abs=0.2)
 
 
 # --- notes and warnings

@@ -251,7 +251,7 @@ def _of_tilt(upward: float, side: float, nodes: Array) -> Array:
     total, share = weight.sum(), (1 + side * upward) / 2
     if not total > 0:
         return np.zeros(len(nodes))
-    return (weight * (share / total)) @ _polynomials(nodes, 2 * root - 1)
+    return np.asarray((weight * (share / total)) @ _polynomials(nodes, 2 * root - 1))
 
 
 def _polynomials(nodes: Array, at: Array) -> Array:
