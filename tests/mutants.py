@@ -16,6 +16,7 @@ from thzcl.air import expansion
 from thzcl.studies.stress import judges
 from thzcl.studies.stress.cases import EVERYTHING, FLUCTUATIONS, ROUNDED, WALL, WARM, cases
 from thzcl.studies.stress.trial import SINGLE, Case, examine
+from thzcl.surfaces import sky
 
 CASES = {case.name: case for case in cases()}
 
@@ -130,11 +131,13 @@ def _kernels(file, *replaced):
 
 @contextmanager
 def _python(module, name, naive):
-    """Runs with something naive in a module's place; fits do not serve both sides."""
+    """Runs with something naive in a module's place; what is kept does not serve both sides."""
     expansion._fitted.cache_clear()  # noqa: SLF001 (nobody else has a reason to)
+    sky._around.cache_clear()  # noqa: SLF001 (the same)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(module, name, naive)
         yield
+    sky._around.cache_clear()  # noqa: SLF001 (the same)
     expansion._fitted.cache_clear()  # noqa: SLF001
 
 

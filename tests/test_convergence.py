@@ -198,6 +198,31 @@ def test_each_frequency_has_a_table_of_its_own(tmp_path):
     assert tables["0.5 %"] < 2e-6
 
 
+def test_levels_and_directions_of_the_sky(tmp_path):
+    """They err the less the finer they are, and are left out where no sky is seen."""
+    knobs = ["sky-levels", "sky-directions", "sky-look-up"]
+    changes = {
+        "atmosphere__fluctuations": None,
+        "sky": {"profile": "us-standard"},
+        "background__environment": "sky",
+        "camera__look_at_m": [30.0, 8.0, 5.0],
+        "sensor__frequency_ghz": 94.0,
+    }
+    found = studied(tmp_path, scene(**changes), knobs)
+    layers = by_setting(found, "sky-levels")
+    assert layers["layers of 100 m"] > 3 * layers["layers of 25 m"] > 1e-7
+    assert layers["layers of 25 m"] < 2e-5
+    directions = by_setting(found, "sky-directions")
+    assert directions["4 of a hemisphere"] > 10 * directions["64 of a hemisphere"]
+    assert directions["64 of a hemisphere"] < 2e-6
+    look_ups = by_setting(found, "sky-look-up")
+    assert look_ups["to 1e-02"] > 100 * look_ups["to 1e-06"]
+    assert look_ups["to 1e-06"] < 2e-6
+    (tmp_path / "none").mkdir()
+    none = studied(tmp_path / "none", scene(atmosphere__fluctuations=None), knobs)
+    assert {one["reason"] for one in none["left_out"]} == {"no [sky] is seen"}
+
+
 def test_libraries_differ_by_rounding_alone(tmp_path):
     libraries = by_setting(studied(tmp_path, scene(), ["fft"]), "fft")
     assert len(set(libraries.values())) == len(libraries)

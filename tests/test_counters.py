@@ -17,6 +17,7 @@ SEGMENTS = {
     "figure7": 398_200,
     "figure8": 764_332,
     "figure9": 764_332,
+    "outdoor": 0,
     "quick": 27_184,
     "raster": 59_504,
     "slide": 29_799,

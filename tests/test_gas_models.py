@@ -286,7 +286,7 @@ def test_r24_warns_where_it_is_about_to_end(tmp_path, case):
     plan = pipeline.prepare(
         write(tmp_path, scene(atmosphere=MOIST | changes, sensor__frequency_ghz=ghz))
     )
-    (warning,) = report.warnings(plan, [0.0])
+    (warning,) = (told for told in report.warnings(plan, [0.0]) if "[sky]" not in told)
     assert all(text in warning for text in expected), warning
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from mutants import CASES, NOT_FINITE, Raises, Remedy, Shows, bounded, kernels, python
 
-from thzcl.air import expansion, radiometry
+from thzcl.air import expansion, radiometry, sky
 from thzcl.plan import numerics
 from thzcl.sensing import bands
 from thzcl.studies.stress import judges, truth
@@ -141,7 +141,18 @@ above += passed *
          (alike ? (reals)row[f] : surface_value(&from, first_ray, frequencies, f));
 """
 SUM_OF_BAND = "(lost < (real)0.5 ? log1p(-lost) : log(left))"
+SKIES = [
+    "clear sky behind turbulent air",
+    "sky of dry arctic air with an inversion",
+    "sky at the horizon, rays of a hundred kilometres",
+    "wall that reflects half of the sky",
+    "sky behind air of fluctuating temperature",
+]
+
 REMEDIES = {
+    "an Earth that is round": Remedy(
+        python(sky, "EARTH_M", 1e15), [Shows("sky", (1e-4, 1e-2), SKIES)]
+    ),
     "polynomials of a degree that the air asks for": Remedy(
         python(expansion, "_degrees", degrees(3)),
         [

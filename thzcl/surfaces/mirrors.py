@@ -120,15 +120,25 @@ class Enclosure:
         return self.contrast(frequency_hz, upward, air_k)
 
 
-def by_cosine(mirrors: tuple[Mirror, ...], frequency_hz: Array) -> Array:
+def by_cosine(
+    mirrors: tuple[Mirror, ...], frequency_hz: Array, tolerance: float = TOLERANCE
+) -> Array:
     """Returns reflectivities at equal steps of the cosine, 0 to 1, (mirror, frequency, node)."""
     hz = frequency_hz[:, None]
     return _look_up(
-        lambda cosine: np.array([mirror.reflectivity(hz, cosine) for mirror in mirrors]), 0.0
+        lambda cosine: np.array([mirror.reflectivity(hz, cosine) for mirror in mirrors]),
+        0.0,
+        tolerance,
     )
 
 
-def by_elevation(backdrop: Backdrop, frequency_hz: Array, air_k: float, knee: float) -> Array:
+def by_elevation(
+    backdrop: Backdrop,
+    frequency_hz: Array,
+    air_k: float,
+    knee: float,
+    tolerance: float = TOLERANCE,
+) -> Array:
     """Returns contrasts by elevation, (frequency, 3 node), as surfaces/source.cl looks them up.
 
     The three parts are: from the horizon down to the dip, from the horizon up to the knee, and from
@@ -143,12 +153,16 @@ def by_elevation(backdrop: Backdrop, frequency_hz: Array, air_k: float, knee: fl
         sines = down, low, high
         return np.stack([backdrop.contrast(frequency_hz, one, air_k) for one in sines], axis=1)
 
-    found = _look_up(law, 0.0)
+    found = _look_up(law, 0.0, tolerance)
     return np.ascontiguousarray(found.reshape(len(frequency_hz), -1))
 
 
 def by_tilt(
-    surroundings: Surroundings, frequency_hz: Array, heights_m: tuple[float, ...], air_k: float
+    surroundings: Surroundings,
+    frequency_hz: Array,
+    heights_m: tuple[float, ...],
+    air_k: float,
+    tolerance: float = TOLERANCE,
 ) -> Array:
     """Returns what Lambert faces see at equal steps of their tilt, (height, frequency, node).
 
@@ -159,13 +173,13 @@ def by_tilt(
         upward = np.sin(np.pi / 2 * part)
         return np.array([surroundings.scattered(frequency_hz, upward, z, air_k) for z in heights_m])
 
-    return _look_up(law, -1.0)
+    return _look_up(law, -1.0, tolerance)
 
 
-def _look_up(law: Callable[[Array], Array], low: float) -> Array:
+def _look_up(law: Callable[[Array], Array], low: float, tolerance: float) -> Array:
     """Returns a law at equal steps from `low` to 1, (..., node), doubled until it is good between.
 
-    Straight lines between nodes then err by at most TOLERANCE of the law's largest value, if MOST
+    Straight lines between nodes then err by at most `tolerance` of the law's largest value, if MOST
     nodes suffice for that. The law itself is asked until cubic splines do.
     """
     nodes = FEWEST
@@ -174,7 +188,7 @@ def _look_up(law: Callable[[Array], Array], low: float) -> Array:
     while nodes < MOST:
         middle = (at[1:] + at[:-1]) / 2
         between = law(middle)
-        bearable = TOLERANCE / 2 * max(np.abs(values).max(), np.abs(between).max())
+        bearable = tolerance / 2 * max(np.abs(values).max(), np.abs(between).max())
         smooth = np.abs(between - _spline(at, values, middle)).max() <= bearable
         values = _merged(values, between)
         nodes = 2 * nodes - 1

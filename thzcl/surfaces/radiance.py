@@ -150,7 +150,7 @@ class _Sending(ABC):
         """Returns what is seen in rough surfaces, (frequency, face)."""
 
     @abstractmethod
-    def _look_ups(self, frequency_hz: Array) -> _Seen:
+    def _look_ups(self, frequency_hz: Array, tolerance: float) -> _Seen:
         """Returns both as look-ups."""
 
     @property
@@ -163,18 +163,21 @@ class _Sending(ABC):
         """Returns whether what surfaces send depends on the angle at which rays meet them."""
         return self.reflecting.angular or (self.reflecting.anything and not self._sees_alike)
 
-    def table(self, frequency_hz: Array) -> Table:
-        """Returns what surfaces send at some frequencies."""
+    def table(self, frequency_hz: Array, tolerance: float = mirrors.TOLERANCE) -> Table:
+        """Returns what surfaces send at some frequencies.
+
+        `tolerance` is that of look-ups, relative to their largest value.
+        """
         own, reflecting = self.own(frequency_hz), self.reflecting
         if not self.angular:
             reflectivity = reflecting.reflectivity(frequency_hz, np.ones(1))
             seen = self.by_tilt(frequency_hz, np.ones(1), 0.0)[:, 0]
             return Table(_mixed(own, reflectivity, seen), None)
-        return Table(own, self._angular(frequency_hz, len(own)))
+        return Table(own, self._angular(frequency_hz, len(own), tolerance))
 
-    def _angular(self, frequency_hz: Array, surfaces: int) -> Angular:
+    def _angular(self, frequency_hz: Array, surfaces: int, tolerance: float) -> Angular:
         """Returns the look-ups, and where in them what is seen in each surface begins."""
-        look_ups, reflecting = self._look_ups(frequency_hz), self.reflecting
+        look_ups, reflecting = self._look_ups(frequency_hz, tolerance), self.reflecting
         sets, tilts = look_ups.sets, look_ups.tilts
         scattered, begins = 0, dict[View, int]()
         for view, one in sets.items():
@@ -189,7 +192,7 @@ class _Sending(ABC):
         return Angular(
             mirror,
             np.array(places, np.int32),
-            mirrors.by_cosine(reflecting.mirrors, frequency_hz),
+            mirrors.by_cosine(reflecting.mirrors, frequency_hz, tolerance),
             np.hstack([*sets.values(), *tilts]),
             scattered,
             scattered // (3 * max(len(sets), 1)),
@@ -335,16 +338,16 @@ class Emission(_Sending):
         """Returns what stands behind the scene, or what is seen in its mirrors."""
         return self.surroundings if view == "mirrored" or self.behind is None else self.behind
 
-    def _look_ups(self, frequency_hz: Array) -> _Seen:
+    def _look_ups(self, frequency_hz: Array, tolerance: float) -> _Seen:
         """Returns behind and surroundings as look-ups."""
         air_k, knee = self.air_k, float(np.sqrt(self._backdrop("behind").knee))
         sets = {
-            view: mirrors.by_elevation(self._backdrop(view), frequency_hz, air_k, knee)
+            view: mirrors.by_elevation(self._backdrop(view), frequency_hz, air_k, knee, tolerance)
             for view in ELEVATED
             if view in self.reflecting.views()
         }
         heights = self.reflecting.heights_m
-        tilts = mirrors.by_tilt(self.surroundings, frequency_hz, heights, air_k)
+        tilts = mirrors.by_tilt(self.surroundings, frequency_hz, heights, air_k, tolerance)
         dip = float(np.sqrt(self._backdrop("behind").dip)) if "behind" in sets else 1.0
         return _Seen(_as_fine(sets), tilts, knee, dip)
 
@@ -424,8 +427,9 @@ class Reflection(_Sending):
         del height_m
         return np.ones((len(frequency_hz), len(upward)))
 
-    def _look_ups(self, frequency_hz: Array) -> _Seen:
+    def _look_ups(self, frequency_hz: Array, tolerance: float) -> _Seen:
         """Returns ones: straight lines are enough for them."""
+        del tolerance
         count = len(frequency_hz)
         sets = {view: np.ones((count, 6)) for view in ELEVATED if view in self.reflecting.views()}
         return _Seen(sets, np.ones((1, count, 2)), 0.5, 1.0)
@@ -453,6 +457,7 @@ class SentSpec(Spec):
 
     sources: Sources
     frequency_hz: Values
+    tolerance: float = mirrors.TOLERANCE  # of look-ups
 
     @property
     def stage(self) -> str:  # type: ignore[override]
@@ -462,7 +467,7 @@ class SentSpec(Spec):
     def run(self, device: Device) -> Table:
         """Returns the table."""
         del device
-        return self.sources.table(self.frequency_hz.array)
+        return self.sources.table(self.frequency_hz.array, self.tolerance)
 
     def describe(self) -> dict[str, Work | LeftOut]:
         """Returns where the sky is seen, or that it is not."""

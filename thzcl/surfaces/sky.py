@@ -35,11 +35,14 @@ class Floor:
 class Sky:
     """The sky over a ground, which is black at the air's temperature if there is no floor.
 
-    Contrasts are those to the air of the column, whose temperature `air_k` of all methods is.
+    Contrasts are those to the air of the column, whose temperature `air_k` of all methods is. The
+    mean over what a face sees is taken over `points` directions above the horizon, and as many
+    below.
     """
 
     column: Column
     floor: Floor | None
+    points: int = sky.POINTS
     angular = True
     knee = 0.5
     dip = 1.0
@@ -63,7 +66,7 @@ class Sky:
     def scattered(self, frequency_hz: Array, upward: Array, height_m: float, air_k: float) -> Array:
         """Returns what Lambert faces at a height see, (frequency, face)."""
         del air_k
-        _, weight = sky.tilted(upward)
+        _, weight = sky.tilted(upward, self.points)
         return np.asarray(_around(self, tuple(frequency_hz.tolist()), height_m) @ weight.T)
 
     def of_ground(self, frequency_hz: Array) -> Array:
@@ -74,7 +77,7 @@ class Sky:
 @lru_cache(maxsize=64)
 def _around(seen: Sky, frequencies: tuple[float, ...], height_m: float) -> Array:
     """Returns what is seen from a height in the directions of sky.tilted, (frequency, point)."""
-    sine, _ = sky.tilted(np.zeros(1))
+    sine, _ = sky.tilted(np.zeros(1), seen.points)
     return seen.seen(np.array(frequencies), sine, height_m)
 
 
@@ -89,7 +92,7 @@ def _of_ground(seen: Sky, frequencies: tuple[float, ...]) -> Array:
     if floor.around_k is not None:
         lit = radiometry.planck_difference(hz, floor.around_k, air_k)
     else:
-        sine, weight = sky.tilted(np.ones(1))
+        sine, weight = sky.tilted(np.ones(1), seen.points)
         above = sine > 0
         lit = sky.seen_above(seen.column, hz, sine[above], 0.0)[0] @ weight[0, above]
     return np.asarray((1 - floor.reflectivity) * own + floor.reflectivity * lit)

@@ -7,19 +7,29 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache, partial
 from typing import Any
 
 from thzcl.air.expansion import ExpansionSpec
+from thzcl.air.sky import FINEST_M, POINTS
 from thzcl.clock import Clock
 from thzcl.graph import everything, peak
 from thzcl.paths.specs import EmissionSpec, TraceSpec
 from thzcl.plan import numerics
 from thzcl.plan.variant import PlannedVariant
-from thzcl.studies.convergence.specs import Change, by_library, by_steps, by_table, in_coarse_air
+from thzcl.studies.convergence.specs import (
+    Change,
+    by_library,
+    by_look_up,
+    by_steps,
+    by_table,
+    in_coarse_air,
+    under_sky,
+)
 from thzcl.studies.convergence.subject import EXACT, Contrasts, Subject, pixels
 from thzcl.surfaces.geometry import KINDS
+from thzcl.surfaces.mirrors import TOLERANCE
 from thzcl.turbulence.fields import AnyField, FieldSpec
 from thzcl.turbulence.spectra import Turbulence
 
@@ -280,6 +290,49 @@ def fft(subject: Subject) -> Knob:
     return Knob("fft", ("humidity-field",), tuple(settings), partial(_exact, subject))
 
 
+def sky_levels(subject: Subject) -> Knob:
+    """Returns the knob of the sky's layers, by their thickness below 1 km."""
+
+    def layered(finest_m: float) -> Change:
+        return under_sky(lambda sky: replace(sky, column=replace(sky.column, finest_m=finest_m)))
+
+    settings = [
+        _rewritten(subject, f"layers of {metres:g} m", metres == FINEST_M, layered(metres))
+        for metres in (500.0, 200.0, 100.0, 50.0, FINEST_M, FINEST_M / 2)
+    ]
+    return _sky_knob(subject, "sky-levels", settings, layered(FINEST_M / 16))
+
+
+def sky_directions(subject: Subject) -> Knob:
+    """Returns the knob of the directions of which a rough surface sees the mean."""
+
+    def sampled(points: int) -> Change:
+        return under_sky(lambda sky: replace(sky, points=points))
+
+    settings = [
+        _rewritten(subject, f"{points} of a hemisphere", points == POINTS, sampled(points))
+        for points in (4, 8, 16, 32, POINTS, 2 * POINTS)
+    ]
+    return _sky_knob(subject, "sky-directions", settings, sampled(8 * POINTS))
+
+
+def sky_look_up(subject: Subject) -> Knob:
+    """Returns the knob of the look-ups of the sky by elevation and tilt."""
+    settings = [
+        _rewritten(subject, f"to {tolerance:.0e}", tolerance == TOLERANCE, by_look_up(tolerance))
+        for tolerance in (1e-2, 1e-3, 1e-4, 1e-5, TOLERANCE)
+    ]
+    return _sky_knob(subject, "sky-look-up", settings, by_look_up(TOLERANCE / 100))
+
+
+def _sky_knob(subject: Subject, name: str, settings: list[Setting], finest: Change) -> Knob:
+    """Returns a knob of the sky, whose image without error is that of the `finest` one."""
+    if not any(variant.image.sources.sky_views() for variant in subject.plan.variants):
+        raise MeaninglessError("no [sky] is seen")
+    exact = cache(lambda: subject.contrasts(subject.plan, Clock(), finest))
+    return Knob(name, ("sky",), tuple(settings), exact)
+
+
 KNOBS: dict[str, Callable[[Subject], Knob]] = {
     "arithmetic": arithmetic,
     "surrogate": surrogate,
@@ -291,6 +344,9 @@ KNOBS: dict[str, Callable[[Subject], Knob]] = {
     "march": march,
     "stride": stride,
     "fft": fft,
+    "sky-levels": sky_levels,
+    "sky-directions": sky_directions,
+    "sky-look-up": sky_look_up,
 }
 
 

@@ -22,6 +22,8 @@ from thzcl.paths.specs import AnyEnds, TraceSpec
 from thzcl.paths.trace import Motion, Paths
 from thzcl.sensing.transfer import ShadeSpec
 from thzcl.surfaces.ends import EndsSpec, RayEnds
+from thzcl.surfaces.radiance import Emission, SentSpec
+from thzcl.surfaces.sky import Behind, Sky
 from thzcl.turbulence.cube import Field
 from thzcl.turbulence.fields import AnyField, FieldSpec
 
@@ -39,6 +41,31 @@ def by_library(name: str) -> Change:
 
     def change(spec: Any) -> Any:
         return replace(spec, library=name) if isinstance(spec, FieldSpec) else spec
+
+    return change
+
+
+def under_sky(change: Callable[[Sky], Sky]) -> Change:
+    """Returns the change to surfaces and rays that see another sky."""
+
+    def changed(spec: Any) -> Any:
+        if not isinstance(spec, SentSpec) or not isinstance(spec.sources, Emission):
+            return spec
+        around, behind = spec.sources.surroundings, spec.sources.behind
+        if isinstance(around, Sky):
+            around = change(around)
+        if isinstance(behind, Behind):
+            behind = replace(behind, sky=change(behind.sky))
+        return replace(spec, sources=replace(spec.sources, surroundings=around, behind=behind))
+
+    return changed
+
+
+def by_look_up(tolerance: float) -> Change:
+    """Returns the change to look-ups by the angle as fine as a tolerance asks."""
+
+    def change(spec: Any) -> Any:
+        return replace(spec, tolerance=tolerance) if isinstance(spec, SentSpec) else spec
 
     return change
 

@@ -28,6 +28,8 @@ FAR = {SINGLE: 1e-6, DOUBLE: 1e-9}
 STORED = {SINGLE: 1e-6, DOUBLE: 1e-9}
 # The tolerance of a band's quadrature, relative to what passes the path.
 RESOLVED = {SINGLE: 1e-5}
+# The sky's layers of 25 m and more limit it, to some 0.01 K.
+LAYERED = {SINGLE: 5e-5}
 # What lies behind the cut-off depth of 16 could add exp(-16).
 NEGLIGIBLE = {SINGLE: 1.2e-7}
 # A difference of equals is exactly zero.
@@ -76,6 +78,7 @@ def cases() -> list[Case]:
         *_cameras(),
         *_sensors(),
         *_warm(),
+        *_skies(),
     ]
 
 
@@ -302,3 +305,33 @@ def _warm() -> list[Case]:
         Case("temperature fluctuating, 10 m through voxels of 1 mm", FINE | by[2.0], WARM),
         Case("temperature fluctuating, depth of 1e-12", THIN | level | by[1.0], faint),
     ]
+
+
+def _skies() -> list[Case]:
+    """Returns the cases of the sky, which layers of 25 m and look-ups limit."""
+    clear = {
+        "sky.profile": "us-standard",
+        f"{BACKGROUND}.temperature_k": None,
+        f"{BACKGROUND}.max_range_m": 200.0,
+        "sensor.frequency_ghz": [94.0, 220.0],
+        f"{FLUCTUATIONS}.voxel_m": 5.0,
+    }
+    dry = {"sky.profile": "subarctic-winter", f"{AIR}.temperature_k": 257.2}
+    dry[f"{AIR}.relative_humidity_percent"] = 5.0
+    horizon = {f"{CAMERA}.look_at_m": [9.3, -0.2, 2.15], f"{BACKGROUND}.max_range_m": 1e5}
+    horizon[f"{CAMERA}.focal_plane_mm"] = [6.0, 0.2]
+    wall = {"targets.wall": WALL | {"reflectivity": 0.5}, f"{BACKGROUND}.environment": "sky"}
+    seen: dict[str, Judged] = {
+        "depth": (judges.depth, {SINGLE: 1e-6}),
+        "sky": (judges.sky, LAYERED),
+    }
+    return [
+        Case("clear sky behind turbulent air", clear, seen),
+        Case("sky of dry arctic air with an inversion", clear | dry, seen),
+        Case("sky at the horizon, rays of a hundred kilometres", clear | horizon, seen),
+        Case("wall that reflects half of the sky", clear | wall, seen),
+        Case("sky behind air of fluctuating temperature", clear | _BY_A_KELVIN, seen),
+    ]
+
+
+_BY_A_KELVIN = {f"{FLUCTUATIONS}.temperature_sigma_k": 1.0}

@@ -35,6 +35,12 @@ def emitted(run: Run) -> Measurement:
     return worst(run.radiances.contrast / most, run.truth.contrast / most, 1.0)
 
 
+def sky(run: Run) -> Measurement:
+    """Judges what is seen of a sky, relative to the air's radiance."""
+    air = run.radiances.air_radiance[:, None, None]
+    return worst(run.radiances.contrast / air, run.truth.contrast / air, 1.0)
+
+
 def faintly_emitted(run: Run) -> Measurement:
     """Judges the contrast of thin air, relative to the most that the air can emit.
 

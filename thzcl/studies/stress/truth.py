@@ -16,6 +16,7 @@ from thzcl.air import composition
 from thzcl.error.twin import planck, planck_difference, transfer, walk
 from thzcl.results.contents import Cube
 from thzcl.scenario.scene import Box, Scene
+from thzcl.studies.stress import sky
 from thzcl.turbulence.orientation import ROTATIONS
 
 Array = NDArray[np.float64]
@@ -85,6 +86,10 @@ def ray_ends(scene: Scene) -> RayEnds:
     rays, air_k = directions(scene), scene.atmosphere.temperature_k
     x, _, z = scene.camera.position_m
     lengths = [np.full(rays.shape[:2], scene.background.max_range_m)]
+    if _open(scene):
+        with np.errstate(divide="ignore"):
+            rise = (sky.ceiling_m(scene) - z) / np.maximum(rays[..., 2], 0.0)
+        lengths = [np.minimum(lengths[0], rise)]
     kinds = [(_kelvin(scene.background.temperature_k, air_k), 0.0)]
     with np.errstate(divide="ignore"):
         if scene.ground is not None:
@@ -108,18 +113,47 @@ def _kelvin(temperature_k: float | None, air_k: float) -> float:
 def truth(scene: Scene, frequency_hz: Array, cube: Cube | None) -> Truth:
     """Returns what the camera should see through a saved cube, or through uniform air if None."""
     ends, air_k = ray_ends(scene), scene.atmosphere.temperature_k
-    environment = scene.background.environment
-    around_k = {"air": air_k, "none": 0.0}.get(str(environment), environment)
     hz = frequency_hz[:, None, None]
     own = planck_difference(hz, ends.temperature_k, air_k)
-    reflected = planck_difference(hz, float(around_k), air_k)
-    surface = (1 - ends.reflectivity) * own + ends.reflectivity * reflected
+    surface = (1 - ends.reflectivity) * own + ends.reflectivity * _reflected(scene, frequency_hz)
+    if _open(scene):
+        surface = _under_sky(scene, frequency_hz, ends.length_m, surface)
     if cube is not None:
         return _through(scene, frequency_hz, cube, ends.length_m, surface)
     per_m = absorption(scene, hz, scene.atmosphere.air.absolute_humidity_g_m3, air_k)
     depth = per_m * ends.length_m
     cold, warm = np.minimum(surface, 0), np.maximum(surface, 0)
     return Truth(depth, surface, surface * np.exp(-depth), cold, warm, np.inf)
+
+
+def _open(scene: Scene) -> bool:
+    """Returns whether rays that meet nothing see the sky."""
+    return scene.sky is not None and scene.background.temperature_k is None
+
+
+def _reflected(scene: Scene, frequency_hz: Array) -> Array:
+    """Returns what a wall sees, less the air's radiance, (frequency, 1, 1)."""
+    environment, air_k = scene.background.environment, scene.atmosphere.temperature_k
+    if environment == "sky":
+        wall = next(iter(scene.targets.values()))
+        height_m = round(2 * wall.center_m[2]) / 2
+        return sky.seen_by_wall(scene, frequency_hz, height_m)[:, None, None]
+    around_k = {"air": air_k, "none": 0.0}.get(str(environment), environment)
+    return planck_difference(frequency_hz[:, None, None], float(around_k), air_k)
+
+
+def _under_sky(scene: Scene, frequency_hz: Array, length_m: Array, surface: Array) -> Array:
+    """Returns what stands at the ends of rays (frequency, y, x), with the sky where that is."""
+    up = directions(scene)[..., 2]
+    reached = np.minimum(scene.background.max_range_m, (sky.ceiling_m(scene) - _z(scene)) / up)
+    behind = (up > 0) & (length_m >= reached)
+    found = surface.copy()
+    found[:, behind] = sky.seen_behind(scene, frequency_hz, up[behind], length_m[behind])
+    return found
+
+
+def _z(scene: Scene) -> float:
+    return scene.camera.position_m[2]
 
 
 def _through(scene: Scene, frequency_hz: Array, cube: Cube, path_m: Array, surface: Array) -> Truth:
