@@ -7,6 +7,7 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 
 from thzcl.sensor import (
+    Decibels,
     Echoes,
     FrequencyGHz,
     Image,
@@ -132,6 +133,7 @@ class Active(Sensor):
                 "floor": (floor, "W"),
                 "pixels below the floor": (100 * float(below.mean()), "%"),
             },
+            decibels=Decibels("received_power", floor),
         )
 
 

@@ -379,7 +379,8 @@ def test_variants_of_other_names_have_other_noise(tmp_path):
         "frame_rate_hz": 100.0,
     }
     same = [{"name": name, "set": {}} for name in ("a", "b")]
-    data = scene(sensor=noisy, atmosphere__fluctuations=None, variants=same)
+    seeded = {"sensor": noisy, "numerics": {"noise_seed": 3}}
+    data = scene(**seeded, atmosphere__fluctuations=None, variants=same)
     first, again = (run(tmp_path, data).variants for _ in range(2))
     one, other = (variant.image.values for variant in first)
     assert np.array_equal(one, again[0].image.values)

@@ -305,6 +305,7 @@ def test_a_picture_is_of_the_kind_that_its_name_says(two, tmp_path):
 
 
 STATISTICS = {"image_variance", "image_spread"}  # of an ensemble, thzcl's own
+STATISTICS |= {f"image_percentile_{percent}" for percent in (5, 50, 95)}
 
 
 def test_every_name_in_the_file_is_reserved(tmp_path):

@@ -126,7 +126,8 @@ def test_none_removes_a_key(tmp_path):
     settings = {"atmosphere.fluctuations.seed": None, "atmosphere.no_table.key": None}
     data = document.read(file, settings).data
     assert data["atmosphere"]["fluctuations"].pop("seed") != 3  # another is drawn
-    due = scene(atmosphere__fluctuations__seed=None)
+    noise_seed = data["numerics"]["noise_seed"]  # which no longer follows the air's
+    due = scene(atmosphere__fluctuations__seed=None, numerics={"noise_seed": noise_seed})
     assert data == due
     again = tmp_path / "again.toml"  # the stored text can be run again
     again.write_text(pipeline.prepare(file, settings).scenario.text, encoding="utf-8")

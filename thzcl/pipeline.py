@@ -179,13 +179,14 @@ def _mean(
     clock: Clock,
     so_far: Result,
 ) -> list[VariantResult]:
-    """Returns each variant's mean over realisations of the air, with variance and spread.
+    """Returns each variant's mean over realisations, with variance, spread and percentiles.
 
     `first` holds the images of the first realisation.
     """
-    from thzcl.studies.ensemble import Ensemble
+    from thzcl.studies.ensemble import Ensemble, by_pixel
 
-    ensembles = [Ensemble() for _ in first]
+    keep = by_pixel(plan.realizations, len(first), first[0].sight.target.size)
+    ensembles = [Ensemble(so_far.targets, by_pixel=keep) for _ in first]
     for number in range(plan.realizations):
         clock.counted(number + 1, plan.realizations)
         images = first
@@ -226,6 +227,7 @@ def _result(plan: Plan, device: Device, made: list[_Made], clock: Clock, figure:
         grid_rotations=tuple(ROTATIONS[v.orientation] for v in plan.variants),
         device=device.info.description,
         seed=plan.scenario.seed,
+        noise_seed=_noise_seed(plan),
         build_options=tuple(device.build_options),
         seconds=clock.seconds,
         left_out=tuple({"stage": stage.name, "reason": stage.reason} for stage in left_out),
@@ -239,6 +241,11 @@ def _result(plan: Plan, device: Device, made: list[_Made], clock: Clock, figure:
         airs=tuple({"variant": v.name, **report.fluctuations(v)} for v in plan.variants),
         skies=tuple(report.skies(plan)),
     )
+
+
+def _noise_seed(plan: Plan) -> int | None:
+    """Returns the seed of the first image that has noise, or None if none has."""
+    return next((v.image.noise.seed for v in plan.variants if v.needs.noise), None)
 
 
 def _errors(pairs: list[tuple[PlannedVariant, _Made]]) -> dict[str, dict[str, Any]]:

@@ -51,6 +51,7 @@ from thzcl.sensing import bands
 
 __all__ = [
     "CONTRACT",
+    "Decibels",
     "Echoes",
     "FrequenciesGHz",
     "FrequencyGHz",
@@ -84,6 +85,7 @@ RESERVED_NAMES = frozenset(
         *("y_angle", "radiance", "brightness_temperature", "brightness_temperature_contrast"),
         *("optical_depth", "path_length", "target", "image", "image_difference"),
         *("image_variance", "image_spread", "absolute_humidity", "air_temperature"),
+        *("image_percentile_5", "image_percentile_50", "image_percentile_95"),
         *("x_voxel", "y_voxel", "z_voxel"),
     }
 )
@@ -236,10 +238,23 @@ class Layer:
 
 
 @dataclass(frozen=True)
+class Decibels:
+    """Says that an image is a layer's power in decibels over a reference in the layer's unit.
+
+    Values below the reference are at 0 dB. Means over realisations are then means of the power.
+    """
+
+    layer: str
+    reference: float
+
+
+@dataclass(frozen=True)
 class Image:
     """What a sensor records: values (y, x), their unit ("1" for none) and their quantity.
 
     `layers` are further images by name, `facts` numbers about the image by name: value and unit.
+    `decibels` says of which layer an image in decibels is made. `caption` are words for the heading
+    of a picture, such as what noise the image has.
     """
 
     values: NDArray[Any]
@@ -247,6 +262,8 @@ class Image:
     quantity: str
     layers: Mapping[str, Layer] = field(default_factory=dict)
     facts: Mapping[str, tuple[float, str]] = field(default_factory=dict)
+    decibels: Decibels | None = None
+    caption: str = ""
 
 
 class Sensor(ABC):

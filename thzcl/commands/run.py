@@ -121,6 +121,7 @@ def tables(found: dict[str, Any]) -> list[Table]:
 
 def _targets(found: dict[str, Any]) -> Table:
     from thzcl.commands.tables import Column, Table
+    from thzcl.results.summary import seeds_in_words
 
     columns = (
         Column("variant"),
@@ -137,7 +138,8 @@ def _targets(found: dict[str, Any]) -> Table:
         for variant in found["variants"]
         for target, values in variant["targets"].items()
     )
-    return Table(f"{found['scenario']}, seed {found['seed']}", columns, rows, keys=2)
+    seeds = seeds_in_words(found["seed"], found["noise_seed"])
+    return Table(f"{found['scenario']}, {seeds}", columns, rows, keys=2)
 
 
 def _models(variants: list[dict[str, Any]]) -> Table:

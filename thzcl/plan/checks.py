@@ -19,8 +19,8 @@ from thzcl.scenario.scene import Box, Scene
 _SAME = "to stand in one file; run them apart with --variant"
 _ROOM = 1e3  # between the largest number and a sum of powers: spans are foreseen, not known
 _AT_RANDOM = (
-    "needs air that fluctuates at random: [atmosphere.fluctuations] with a sigma or structure "
-    "constant above 0"
+    "needs air that fluctuates at random ([atmosphere.fluctuations] with a sigma or structure "
+    "constant above 0), or a sensor with noise"
 )
 
 
@@ -55,7 +55,8 @@ def _of_variants(first: PlannedVariant, variant: PlannedVariant) -> list[Trouble
     if realizations != first.scene.numerics.realizations:
         text = "all variants must have as many; give it once"
         found.append(Trouble(("numerics", "realizations"), text))
-    if realizations > 1 and (variant.cube is None or variant.cube.random is None):
+    fixed = variant.cube is None or variant.cube.random is None
+    if realizations > 1 and fixed and not variant.needs.noise:
         found.append(Trouble(("numerics", "realizations"), _AT_RANDOM))
     models, others = _models(first.scene), _models(scene)
     if models != others and (models[1:] or others[1:]):

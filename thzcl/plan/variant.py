@@ -24,7 +24,7 @@ from thzcl.plan.numerics import Accuracy, Foreseen
 from thzcl.plan.refused import air_refused, files_refused
 from thzcl.plan.sampling import Sampling
 from thzcl.scenario import sensors
-from thzcl.scenario.document import Scenario, Variant
+from thzcl.scenario.document import Scenario, Variant, noise_seed
 from thzcl.scenario.scene import Scene
 from thzcl.sensing import bands, optics
 from thzcl.sensing.exposures import Exposure
@@ -293,7 +293,7 @@ class _Planner:
             self.spectrum,
             self.scene.sensor,
             math.prod(self.pixel_rad),
-            NoiseKey(self.scenario.seed, self.variant.key),
+            NoiseKey(noise_seed(self.scene), self.variant.key),
             self.needs.noise,
         )
 

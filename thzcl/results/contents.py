@@ -80,6 +80,7 @@ class Contents:
     grid_rotations: tuple[Array, ...]  # of each variant
     device: str
     seed: int
+    noise_seed: int | None  # None where no image has noise
     build_options: tuple[str, ...]
     seconds: dict[str, float]
     left_out: tuple[dict[str, str], ...]

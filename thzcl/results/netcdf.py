@@ -50,6 +50,7 @@ def write(result: Contents, path: Path) -> None:
 def attributes(result: Contents) -> dict[str, Any]:
     """Returns the global attributes; lists and tables among them are JSON."""
     scenario = readable(result.scenario)
+    noise = {} if result.noise_seed is None else {"noise_seed": np.int64(result.noise_seed)}
     return {
         "Conventions": "CF-1.11",
         "title": f"{scenario}: terahertz images",
@@ -60,6 +61,7 @@ def attributes(result: Contents) -> dict[str, Any]:
         "versions": json.dumps(result.versions),
         "device": result.device,
         "seed": np.int64(result.seed),
+        **noise,
         "build_options": json.dumps(result.build_options),
         "seconds": json.dumps(result.seconds),
         "left_out": json.dumps(result.left_out),

@@ -17,6 +17,7 @@ def summary(result: Contents) -> dict[str, Any]:
         "scenario": result.scenario,
         "device": result.device,
         "seed": result.seed,
+        "noise_seed": result.noise_seed,
         "seconds": result.seconds,
         "left_out": list(result.left_out),
         "warnings": list(result.warnings),
@@ -89,6 +90,12 @@ def target_table(
     }
 
 
+def seeds_in_words(seed: int, noise_seed: int | None) -> str:
+    """Returns the seeds of a run in words; noise is told of where it has a seed of its own."""
+    own = noise_seed is not None and noise_seed != seed
+    return f"seed {seed}, noise seed {noise_seed}" if own else f"seed {seed}"
+
+
 def html(result: Contents) -> str:
     """Returns a short table of the targets, for notebooks."""
     head = ("variant", "target", "pixels", "contrast to air", "transmission")
@@ -104,8 +111,9 @@ def html(result: Contents) -> str:
         for target, values in target_table(variant, result.targets).items()
     ]
     body = "".join(_row("td", row) for row in rows)
+    seeds = seeds_in_words(result.seed, result.noise_seed)
     return (
-        f"<h4>{escape(result.scenario)}</h4><p>{escape(result.device)}, seed {result.seed}</p>"
+        f"<h4>{escape(result.scenario)}</h4><p>{escape(result.device)}, {seeds}</p>"
         f"<table>{_row('th', head)}{body}</table>"
     )
 

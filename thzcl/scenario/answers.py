@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from thzcl.plugins.guard import Breach
-from thzcl.sensor import Image, Layer, Needs, Optics
+from thzcl.sensor import Decibels, Image, Layer, Needs, Optics
 
 Array = NDArray[np.float64]
 
@@ -146,6 +146,8 @@ def image(
         )
     return replace(
         made,
+        decibels=_of_layer(made.decibels, layers),
+        caption=_text(made.caption, "the image's caption"),
         values=_plane(made.values, "image", shape, stored),
         unit=_text(made.unit, "the image's unit"),
         quantity=_text(made.quantity, "the image's quantity"),
@@ -154,6 +156,18 @@ def image(
             _text(name, "a fact's name"): _fact(name, fact) for name, fact in made.facts.items()
         },
     )
+
+
+def _of_layer(given: Any, layers: Mapping[str, Layer]) -> Decibels | None:
+    """Returns of which layer an image in decibels is made. Raises Breach if there is none."""
+    if given is None:
+        return None
+    if not isinstance(given, Decibels) or given.layer not in layers:
+        raise Breach("returned an image in decibels of a layer that it does not have")
+    reference = float(given.reference)
+    if not (reference > 0 and np.isfinite(reference)):
+        raise Breach(f"returned an image in decibels over {reference:g}, which is not above 0")
+    return Decibels(given.layer, reference)
 
 
 def _plane(given: Any, what: str, shape: tuple[int, ...], stored: np.dtype[Any]) -> NDArray[Any]:

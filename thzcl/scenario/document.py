@@ -64,6 +64,19 @@ class Scenario:
         fluctuations = self.variants[0].scene.atmosphere.fluctuations
         return (fluctuations.seed or 0) if fluctuations else 0
 
+    @property
+    def noise_seed(self) -> int:
+        """The seed of its first variant's noise."""
+        return noise_seed(self.variants[0].scene)
+
+
+def noise_seed(scene: Scene) -> int:
+    """Returns the seed of a scene's noise: its own, else the air's; 0 where neither is named."""
+    own, fluctuations = scene.numerics.noise_seed, scene.atmosphere.fluctuations
+    if own is not None:
+        return own
+    return (fluctuations.seed or 0) if fluctuations else 0
+
 
 class VariantTable(Table):
     """An entry of [[variants]]."""
@@ -141,11 +154,16 @@ def read(
 
 
 def _fill_seeds(data: dict[str, Any], seed: int) -> None:
-    """Gives fluctuations without a seed one, so that every run can be repeated from its record.
+    """Gives air and noise without a seed one, so that every run can be repeated from its record.
 
+    Noise without a seed of its own follows that of the air, where the scene names one.
     Variants that bring fluctuations of their own without a seed get the same one, as a key that
     they set: images of one scene show one realisation of the air.
     """
+    named = _at(data, ("atmosphere", "fluctuations", "seed")) is not None
+    numerics = data.setdefault("numerics", {})
+    if isinstance(numerics, dict) and not named:
+        numerics.setdefault("noise_seed", seed)
     if _lacks_seed(data):
         data["atmosphere"]["fluctuations"]["seed"] = seed
     entries = data.get("variants", ())

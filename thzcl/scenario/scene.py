@@ -242,8 +242,15 @@ class Numerics(Table):
         1,
         ge=1,
         le=1_000_000,
-        help="independent realisations of the air; "
-        "the image is their mean, with variance and spread",
+        help="independent realisations of the air and of the noise; the image is their mean, "
+        "with variance, spread and percentiles",
+    )
+    noise_seed: int | None = key(
+        None,
+        ge=0,
+        lt=2**63,
+        help="seed of the sensor's noise; by default that of the air where the scene names it, "
+        "else one is drawn and recorded",
     )
     error_budget: bool = key(
         True, help="follow some rays again without any shortcut, to measure the errors made"

@@ -1,10 +1,13 @@
-"""Statistics of images over independent realisations of the air, which come one by one.
+"""Statistics of images over independent realisations of air and noise, which come one by one.
 
-The memory needed does not grow with the number of realisations.
+The memory needed does not grow with the number of realisations, but for percentiles: these are
+those of every pixel as long as all images of a run fit PERCENTILE_BYTES, else those of each
+target's mean alone.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -12,9 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from thzcl.results.contents import VariantResult
-from thzcl.sensor import Echoes, Image, Layer, Radiances
+from thzcl.sensor import Decibels, Echoes, Image, Layer, Radiances
 
 Array = NDArray[Any]
+PERCENTILES = (5, 50, 95)
+PERCENTILE_BYTES = 2**28  # of the images, in float32, whose percentiles are taken pixel by pixel
+_FLAG = "whether "  # how the quantity of a layer of flags begins
 
 
 class Running:
@@ -50,6 +56,11 @@ class Running:
         return np.asarray(self._squares / max(self.count - 1, 1))
 
 
+def by_pixel(realizations: int, images: int, pixels: int) -> bool:
+    """Returns whether percentiles are those of every pixel of all images of a run."""
+    return 4 * realizations * images * pixels <= PERCENTILE_BYTES
+
+
 class MeanSight:
     """The mean of what reached the pixels."""
 
@@ -74,10 +85,18 @@ class MeanSight:
 
 
 class Ensemble:
-    """The statistics of one variant: of its images, and of what reached the pixels by any model."""
+    """The statistics of one variant: of its images, and of what reached the pixels by any model.
 
-    def __init__(self) -> None:
+    `targets` are the names of what pixels show, by flag. `by_pixel` says whether all images are
+    kept, for percentiles of every pixel.
+    """
+
+    def __init__(self, targets: Sequence[str] = (), *, by_pixel: bool = True) -> None:
+        self._targets = targets
         self._planes: dict[str, Running] = {}
+        self._facts: dict[str, Running] = {}
+        self._images: list[Array] | None = [] if by_pixel else None
+        self._means: list[Array] = []  # of each realisation: the targets' mean images
         self._sights: list[MeanSight] = []
         self._last: VariantResult | None = None
 
@@ -90,36 +109,89 @@ class Ensemble:
             running.add(sight)
         planes = {"image": image.values}
         planes |= {f"layer {name}": layer.values for name, layer in image.layers.items()}
+        if image.decibels is None and image.unit == "dB":
+            planes["linear"] = _powers(image.values)
         for name, values in planes.items():
             self._planes.setdefault(name, Running()).add(values)
+        for name, (value, _) in image.facts.items():
+            self._facts.setdefault(name, Running()).add(np.asarray(value))
+        if self._images is not None:
+            self._images.append(np.asarray(image.values, dtype=np.float32))
+        self._means.append(self._by_target(variant.sight, image))
         self._last = variant
+
+    def _by_target(self, sight: Radiances | Echoes, image: Image) -> Array:
+        """Returns the mean image of each target, (target,); NaN where no pixel shows it."""
+        flags = sight.target.ravel().astype(np.intp)
+        values, back = _linear(image)
+        pixels = np.bincount(flags, minlength=len(self._targets))
+        sums = np.bincount(flags, weights=values.ravel(), minlength=len(self._targets))
+        with np.errstate(divide="ignore", invalid="ignore"):
+            means = sums / pixels
+        return means if back is None else _decibels(means, back)
 
     def mean(self) -> VariantResult:
         """Returns the variant with the mean of what reached the pixels, and the mean image.
 
-        The image has its variance and its spread over the realisations as layers. It must not be
-        called before a realisation has been added.
+        An image in decibels is that of the mean power. The image has its variance, its spread and
+        its percentiles over the realisations as layers. It must not be called before a realisation
+        has been added.
         """
         assert self._last is not None  # noqa: S101 (see above)
         assert self._last.image is not None  # noqa: S101 (see above)
         variant, image = self._last, self._last.image
         means = {name: plane.mean for name, plane in self._planes.items()}
-        layers = {
-            name: replace(layer, values=means[f"layer {name}"])
-            for name, layer in image.layers.items()
-        }
-        layers |= self._statistics(image)
+        layers = {name: self._layer(name, layer) for name, layer in image.layers.items()}
+        values = means["image"]
+        if image.decibels is not None:
+            values = _decibels(means[f"layer {image.decibels.layer}"], image.decibels.reference)
+        elif "linear" in means:
+            values = 10 * np.log10(means["linear"])
+        mean = replace(
+            image,
+            values=values,
+            layers=layers | self._statistics(image),
+            facts=self._mean_facts(image) | self._target_facts(image),
+        )
         sight, *others = (running.mean() for running in self._sights)
         pairs = zip(variant.compared, others, strict=True)
         compared = tuple(replace(one, sight=other) for one, other in pairs)
-        mean = replace(image, values=means["image"], layers=layers, facts={})
         return replace(variant, sight=sight, image=mean, compared=compared)
 
+    def _layer(self, name: str, layer: Layer) -> Layer:
+        """Returns the mean of a layer: of flags, the fraction of realisations that are flagged."""
+        plane = self._planes[f"layer {name}"]
+        quantity = layer.quantity
+        if np.asarray(layer.values).dtype.kind != "f":
+            flags = plane.low.min() >= 0 and plane.high.max() <= 1
+            what = quantity.removeprefix(_FLAG)
+            quantity = f"fraction of realisations: {what}" if flags else f"mean of {what}"
+        return replace(layer, values=plane.mean, quantity=quantity)
+
+    def _mean_facts(self, image: Image) -> dict[str, tuple[float, str]]:
+        """Returns the means of the facts that every realisation told."""
+        count = len(self._means)
+        return {
+            name: (float(self._facts[name].mean), unit)
+            for name, (_, unit) in image.facts.items()
+            if self._facts[name].count == count
+        }
+
+    def _target_facts(self, image: Image) -> dict[str, tuple[float, str]]:
+        """Returns the percentiles of each target's mean image over the realisations."""
+        found = {}
+        for name, means in zip(self._targets, np.array(self._means).T, strict=False):
+            if np.isfinite(means).all():
+                pairs = zip(PERCENTILES, np.percentile(means, PERCENTILES), strict=True)
+                for percent, value in pairs:
+                    found[f"{name}: percentile {percent} of the mean"] = float(value), image.unit
+        return found
+
     def _statistics(self, image: Image) -> dict[str, Layer]:
-        """Returns the variance of the image, and its largest less its smallest value, as layers."""
+        """Returns the image's variance, its largest less its smallest value, and percentiles."""
         plane = self._planes["image"]
         squared = "1" if image.unit == "1" else f"({image.unit})^2"
-        return {
+        layers = {
             "image_variance": Layer(
                 plane.variance, squared, f"variance of the {image.quantity} over realisations"
             ),
@@ -127,3 +199,31 @@ class Ensemble:
                 plane.high - plane.low, image.unit, f"largest less smallest {image.quantity}"
             ),
         }
+        if self._images is None:
+            return layers
+        planes = np.percentile(np.array(self._images), PERCENTILES, axis=0)
+        for percent, values in zip(PERCENTILES, planes, strict=True):
+            quantity = f"percentile {percent} of the {image.quantity} over realisations"
+            layers[f"image_percentile_{percent}"] = Layer(values, image.unit, quantity)
+        return layers
+
+
+def _linear(image: Image) -> tuple[Array, float | None]:
+    """Returns an image as it may be averaged, and what decibels of it are relative to, or None."""
+    if image.decibels is not None:
+        of: Decibels = image.decibels
+        return np.asarray(image.layers[of.layer].values), of.reference
+    if image.unit == "dB":
+        return _powers(image.values), 0.0
+    return np.asarray(image.values), None
+
+
+def _powers(decibels: Array) -> Array:
+    return np.asarray(10 ** (np.asarray(decibels, dtype=np.float64) / 10))
+
+
+def _decibels(power: Array, reference: float) -> Array:
+    """Returns powers in decibels over a reference, at least 0; a reference of 0 is none."""
+    if reference == 0:
+        return np.asarray(10 * np.log10(power))
+    return np.asarray(10 * np.log10(np.maximum(power, reference) / reference))
