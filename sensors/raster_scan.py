@@ -61,7 +61,31 @@ class RasterScan(Sensor):
 
     def needs(self, view: View) -> Needs:
         """Returns what the detector needs, at the times of the scan."""
-        return replace(self.detector.needs(view), times_s=self._times(*view.pixels))
+        needs = self.detector.needs(replace(view, dwell_s=self._dwell_s()))
+        return replace(
+            needs,
+            times_s=self._times(*view.pixels),
+            notes=(*needs.notes, *self._notes(needs)),
+        )
+
+    def _dwell_s(self) -> float | None:
+        """Returns how long the detector sees each pixel, s."""
+        p = self.params
+        time_s: float | None = p.integration_time_s if p.timing == "focal-plane" else p.dwell_s
+        return time_s
+
+    def _notes(self, needs: Needs) -> list[str]:
+        """Returns what is told of the detector's time, where it has noise."""
+        if not needs.noise:
+            return []
+        name, dwell_s = self.detector.name, self._dwell_s()
+        if needs.integration_time_s is None:
+            told = f"the noise of {name} does not follow from the scan's {dwell_s:g} s a pixel"
+            return [f"{told}, but from what [sensor.detector] says"]
+        if needs.integration_time_s == dwell_s:
+            return [f"{name} integrates for the scan's {dwell_s:g} s a pixel"]
+        own_s = needs.integration_time_s
+        return [f"{name} integrates for {own_s:g} s of the scan's {dwell_s:g} s a pixel"]
 
     def _times(self, width: int, height: int) -> Any:
         """Returns when each pixel is taken, s, (sample, y, x)."""

@@ -366,3 +366,83 @@ def gaussian_fields(n, voxel_m, seed, psi):
         assert abs(field.imag).max() < 1e-9 * abs(field.real).max()
         fields.append(field.real)
     return fields
+
+
+# --- noise
+# ------------------------------------------------------------------------------------------
+
+
+def photons(frequency_hz, kelvin):
+    return 0.0 if kelvin == 0 else 1 / math.expm1(H * frequency_hz / (K * kelvin))
+
+
+def photon_netd(low_hz, high_hz, scene_k, time_s, efficiency=1.0, optics_k=0.0, nep=0.0):
+    """NETD in K of one mode: Zmuidzinas (2003), by the middles of 2000 steps."""
+    step = (high_hz - low_hz) / 2000
+    variance = slope = 0.0
+    for number in range(2000):
+        hz = low_hz + (number + 0.5) * step
+        m = efficiency * photons(hz, scene_k) + (1 - efficiency) * photons(hz, optics_k)
+        variance += (H * hz) ** 2 * m * (1 + m) * step / time_s
+        warmer, colder = photons(hz, scene_k + 0.01), photons(hz, scene_k - 0.01)
+        slope += H * hz * (warmer - colder) / 0.02 * step
+    return math.sqrt(variance + nep**2 / (2 * time_s)) / efficiency / slope
+
+
+def radiometer_netd(receiver_k, scene_k, bandwidth_hz, time_s, drift, single, reference_k=None):
+    """Total power, or switched against a reference load where its temperature is given."""
+    system = receiver_k * (2 if single else 1) + scene_k
+    if reference_k is None:
+        return math.hypot(system / math.sqrt(bandwidth_hz * time_s), system * drift)
+    load = drift * (scene_k - reference_k)
+    return math.hypot(2 * system / math.sqrt(bandwidth_hz * time_s), load)
+
+
+# --- speckle
+# ------------------------------------------------------------------------------------------
+
+
+def pupil_points(count=200):
+    """Returns places within a circle of diameter 1, on a square lattice."""
+    x = (np.arange(count) + 0.5) / count - 0.5
+    inside = np.hypot(x, x[:, None]) < 0.5
+    return x, inside
+
+
+def speckle_correlation(apart, beam):
+    """Correlation of power at `apart` lambda / D: by sums over the pupil (Goodman 2007).
+
+    Of a flood, the transform of the pupil; of a scanned beam, that of its autocorrelation squared.
+    """
+    x, inside = pupil_points()
+    weight, place = inside.sum(axis=0).astype(float), x
+    if beam:
+        size = 2 * len(x) - 1
+        spectrum = np.fft.rfft2(inside.astype(float), (2 * len(x), 2 * len(x)))
+        overlap = np.fft.irfft2(spectrum**2, (2 * len(x), 2 * len(x)))[:size, :size]
+        weight = (overlap**2).sum(axis=0)
+        place = (np.arange(size) - len(x) + 1) / len(x)
+    amplitude = (weight * np.cos(2 * math.pi * apart * place)).sum() / weight.sum()
+    return amplitude**2
+
+
+def looks_of_square(width, beam, steps=60):
+    """Looks within a square of `width` lambda / D: the double integral, by sums (Goodman 2007)."""
+    total = 0.0
+    for u in (np.arange(steps) + 0.5) / steps:
+        for v in (np.arange(steps) + 0.5) / steps:
+            mu = speckle_correlation_at(math.hypot(u, v) * width, beam)
+            total += 4 * (1 - u) * (1 - v) * mu / steps**2
+    return 1 / total
+
+
+_CORRELATIONS: dict = {}
+
+
+def speckle_correlation_at(apart, beam):
+    """The correlation, between places 0.01 lambda / D apart by a straight line."""
+    if beam not in _CORRELATIONS:
+        places = np.arange(0, 4.0, 0.01)
+        _CORRELATIONS[beam] = places, [speckle_correlation(a, beam) for a in places]
+    places, values = _CORRELATIONS[beam]
+    return float(np.interp(apart, places, values))

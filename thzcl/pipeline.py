@@ -220,7 +220,8 @@ def _result(plan: Plan, device: Device, made: list[_Made], clock: Clock, figure:
         targets=("background", "ground", *plan.scenario.targets),
         pixel_angles_mrad=tuple(angles(v.scene.camera) for v in plan.variants),
         conditions=tuple(
-            conditions(v.scene.atmosphere.air, one.recorded.sight) for v, one in pairs
+            conditions(v.scene.atmosphere.air, one.recorded.sight, _caption(one))
+            for v, one in pairs
         ),
         figure_columns=first.scene.output.figure_columns,
         difference=first.scene.output.difference,
@@ -241,6 +242,11 @@ def _result(plan: Plan, device: Device, made: list[_Made], clock: Clock, figure:
         airs=tuple({"variant": v.name, **report.fluctuations(v)} for v in plan.variants),
         skies=tuple(report.skies(plan)),
     )
+
+
+def _caption(made: _Made) -> str:
+    """Returns the words of a sensor for the heading of its picture."""
+    return made.recorded.image.caption if made.recorded.image else ""
 
 
 def _noise_seed(plan: Plan) -> int | None:

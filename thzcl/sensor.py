@@ -43,11 +43,11 @@ import pluggy
 from numpy.typing import ArrayLike, NDArray
 from pydantic import Field
 
-from thzcl.air import radiometry
+from thzcl.air import planck_mean, radiometry
 from thzcl.scenario.table import Table as Parameters
 from thzcl.scenario.table import User
 from thzcl.scenario.table import key as parameter
-from thzcl.sensing import bands
+from thzcl.sensing import bands, noise, speckle
 
 __all__ = [
     "CONTRACT",
@@ -66,8 +66,10 @@ __all__ = [
     "View",
     "bands",
     "hookimpl",
+    "noise",
     "parameter",
     "radiometry",
+    "speckle",
 ]
 
 CONTRACT = 1
@@ -106,6 +108,24 @@ class Optics(Parameters):
         None, gt=0, unit="mrad", help="full width at half maximum of a Gaussian blur"
     )
 
+    def grain(
+        self,
+        frequency_hz: float,
+        pixel_rad: tuple[float, float],
+        illumination: Literal["flood", "beam"] = "flood",
+    ) -> speckle.Grain:
+        """Returns the grain of speckle that these optics make in pixels of a width and a height.
+
+        Raises ValueError without an aperture, which is what gives speckle its grain.
+        """
+        if self.aperture_m is None:
+            raise ValueError("speckle has no grain without an aperture")
+        sigma_rad = 0.0
+        if self.blur_mrad is not None:
+            sigma_rad = self.blur_mrad * 1e-3 / float(np.sqrt(8 * np.log(2)))
+        aperture = self.aperture_m * frequency_hz / radiometry.LIGHT_SPEED
+        return speckle.Grain(aperture, pixel_rad, illumination, self.pixel, sigma_rad)
+
 
 @dataclass(frozen=True)
 class View:
@@ -114,7 +134,7 @@ class View:
     `absorption` is a function that gives the mean air's absorption in 1/m at frequencies in Hz.
     `table` is a function that gives the numbers, (row, column), of a CSV file beside the scenario.
     `tolerance` is the bearable error of a sum over frequency, relative to the radiance that passes
-    the shortest path.
+    the shortest path. `dwell_s` is how long a scan stays on each pixel of the sensor that it wraps.
     """
 
     pixels: tuple[int, int]  # width, height
@@ -126,6 +146,7 @@ class View:
     line_width_hz: float  # about the width of the air's lines
     table: Callable[[str], Array]
     tolerance: float = bands.TOLERANCE
+    dwell_s: float | None = None
 
 
 @dataclass(frozen=True)
@@ -141,6 +162,12 @@ class Needs:
     `gain = "lambert"` each ray's echo is multiplied by cos / (pi r^2), in 1/m^2, of the surface
     that it meets, before rays are averaged into pixels or blurred. `errors` are errors that the
     sensor knows, by name: each has a relative size, and words for what that is relative to.
+
+    `integration_time_s` is how long the sensor integrates over a pixel, and `passband` the widths
+    in Hz of the frequencies and the response at them, 1 at its peak: observe() gets both back.
+    With `illumination = "beam"` one beam both lights and receives each pixel, and the optics see a
+    point by the fourth power of its amplitude in place of the square.
+    `notes` are sentences for whoever runs the scene, shown among the warnings.
     """
 
     frequency_hz: ArrayLike  # one or several, ascending
@@ -155,6 +182,10 @@ class Needs:
     finer: tuple[ArrayLike, ArrayLike] | None = None
     errors: Mapping[str, tuple[float, str]] = field(default_factory=dict)
     gain: Literal["none", "lambert"] = "none"
+    integration_time_s: float | None = None
+    passband: tuple[ArrayLike, ArrayLike] | None = None
+    notes: tuple[str, ...] = ()
+    illumination: Literal["flood", "beam"] = "flood"
 
 
 @dataclass(frozen=True)
@@ -174,6 +205,17 @@ class _Sight:
     pixel_solid_angle: float  # sr, at the image centre
     nodes_hz: Array  # (node,): the frequencies that were asked for
     weights: Array | None  # (frequency, node): the weights that were asked for
+    pixel_angle_rad: tuple[float, float] = field(default=(0.0, 0.0), kw_only=True)  # as in View
+    integration_time_s: float | None = field(default=None, kw_only=True)  # as in Needs
+    passband: tuple[Array, Array] | None = field(default=None, kw_only=True)  # as in Needs
+
+    @property
+    def off_axis_cosine(self) -> Array:
+        """Returns the cosine of the angle between each pixel's ray and the optical axis, (y, x)."""
+        height, width = self.target.shape
+        across = (np.arange(width) + 0.5 - width / 2) * self.pixel_angle_rad[0]
+        down = (np.arange(height) + 0.5 - height / 2) * self.pixel_angle_rad[1]
+        return np.asarray(1 / np.sqrt(1 + across**2 + down[:, None] ** 2))
 
 
 @dataclass(frozen=True)
@@ -194,21 +236,34 @@ class Radiances(_Sight):
 
     @cached_property
     def brightness_temperature_contrast(self) -> Array:
-        """Returns the brightness temperature less the air's, K, (frequency, y, x)."""
-        # A band's mean radiance differs a little from that at its mean frequency.
-        share = radiometry.planck(self.frequency_hz, self.air_temperature_k) / self.air_radiance
+        """Returns the brightness temperature less the air's, K, (frequency, y, x).
+
+        That of a band is the temperature whose Planck mean over the band is the radiance seen.
+        """
         kelvin = np.empty(self.contrast.shape)
-        planes = zip(self.frequency_hz, share, self.contrast, kelvin, strict=True)
-        for frequency, factor, plane, out in planes:
+        for number, (plane, out) in enumerate(zip(self.contrast, kelvin, strict=True)):
+            convert = self._to_kelvin(number, plane)
             flat, into = plane.ravel(), out.ravel()
             for start in range(0, len(flat), _BLOCK):
                 part = slice(start, start + _BLOCK)
-                contrast = flat[part] if factor == 1 else flat[part] * factor
-                into[part] = radiometry.brightness_temperature_contrast(
-                    frequency, contrast, self.air_temperature_k
-                )
+                into[part] = convert(flat[part])
         kelvin.flags.writeable = False
         return kelvin
+
+    def _to_kelvin(self, number: int, plane: NDArray[Any]) -> Callable[[Array], Array]:
+        """Returns the function from contrast to kelvins above the air, for one plane."""
+        air_k = self.air_temperature_k
+        if self.weights is None:
+            hz = self.frequency_hz[number]
+            return lambda part: radiometry.brightness_temperature_contrast(hz, part, air_k)
+        mean = planck_mean.Mean(self.nodes_hz, self.weights[number], air_k)
+        single, factor = mean.look_up(plane)
+
+        def of_band(part: Array) -> Array:
+            kelvin = mean.at_one_frequency(part)
+            return np.asarray(kelvin * np.interp(kelvin, single, factor))
+
+        return of_band
 
     @property
     def brightness_temperature(self) -> Array:

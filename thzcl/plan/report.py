@@ -125,6 +125,7 @@ def warnings(plan: Plan, errors: Iterable[float]) -> list[str]:
     found = list(plan.scenario.idle)
     found += [note for variant in plan.variants for note in _extrapolations(variant)]
     found += [note for variant in plan.variants for note in _left_out(variant)]
+    found += [note for variant in plan.variants for note in variant.needs.notes]
     found += [*_periods(plan), *_continued(plan), *_idle_wind(plan)]
     found += [note for variant in plan.variants for note in _of_sky(variant)]
     following = iter(errors)

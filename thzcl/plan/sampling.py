@@ -48,7 +48,12 @@ class Sampling:
     def _blur(self) -> Blur:
         """Returns what blurs the image, at the frequency of each plane."""
         plane_hz = Values.of(self.foreseen.spectrum.planes(self._nodes_hz))
-        return Blur(self.needs.optics, self.pixel_rad, plane_hz)
+        return Blur(self.needs.optics, self.pixel_rad, plane_hz, self._two_way)
+
+    @property
+    def _two_way(self) -> bool:
+        """Returns whether the beam lights what it receives."""
+        return self.needs.illumination == "beam"
 
     def still(self) -> list[Exposure]:
         """Returns the one exposure of an image whose pixels are all taken at once."""
@@ -114,7 +119,7 @@ class Sampling:
         blurring, rays = self.needs.optics, self.shape.raster
         if blurring is None or not optics.blurs(blurring) or not self.shape.things.kinds:
             return 1, 0
-        detail = optics.finest_rad(blurring, self._nodes_hz) / FINER
+        detail = optics.finest_rad(blurring, self._nodes_hz, two_way=self._two_way) / FINER
         density = math.prod(self.pixel_rad) / math.prod(rays.block) / detail**2  # points for a ray
         density = min(density, MOST_LATTICE_RAYS / rays.rays)
         common = math.gcd(*rays.block)

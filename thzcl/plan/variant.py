@@ -13,8 +13,10 @@ from numpy.typing import NDArray
 from thzcl import files
 from thzcl.air.expansion import ExpansionSpec, TrimmedSpec, possible
 from thzcl.air.mean import NOWHERE, Air, Span
+from thzcl.air.radiometry import LIGHT_SPEED
 from thzcl.error.budget import ErrorSpec, LatticeErrorSpec, SamplingSpec
 from thzcl.error.rays import FineWalkSpec, WalkSpec
+from thzcl.errors import ScenarioError
 from thzcl.graph import Spec, Values
 from thzcl.plan import numerics, sky
 from thzcl.plan.air import STILL, AnyAir, Moving, NonIsothermalAir, Setup, TurbulentAir, UniformAir
@@ -31,7 +33,7 @@ from thzcl.sensing.exposures import Exposure
 from thzcl.sensing.image import ComparedSpec, ImageSpec, NoiseKey
 from thzcl.sensing.pixels import PixelsSpec, PlacesSpec, Steps, SumSpec
 from thzcl.sensing.spectrum import Spectrum, finer, spectrum
-from thzcl.sensor import Needs, View
+from thzcl.sensor import Needs, Optics, View
 from thzcl.surfaces import camera, geometry, radiance
 from thzcl.surfaces import sky as surfaces_sky
 from thzcl.surfaces.camera import Raster
@@ -127,7 +129,9 @@ class _Planner:
         self.source = next((s for s, _ in self.cube_sources.values() if s is not None), None)
         if self.needs.optics is not None:
             nodes = self.spectrum.nodes_hz.array
-            rays = optics.sampling(self.needs.optics, plain, self.pixel_rad, nodes)
+            self._refuse_no_beam(self.needs.optics, float(nodes.min()))
+            two_way = self.needs.illumination == "beam"
+            rays = optics.sampling(self.needs.optics, plain, self.pixel_rad, nodes, two_way=two_way)
             frame = Values.of(camera.camera_frame(self.scene.camera, rays))
             self.shape = replace(self.shape, raster=rays, frame=frame)
         if isinstance(self.sources, radiance.Emission) and self.sources.behind is not None:
@@ -140,6 +144,16 @@ class _Planner:
         bearable = self.scene.numerics.tolerance
         self.sampling = Sampling(self.needs, self.shape, self.pixel_rad, self.foreseen, bearable)
         self.settled = numerics.settle(self.scene.numerics, self.needs, self.foreseen)
+
+    def _refuse_no_beam(self, blurring: Optics, lowest_hz: float) -> None:
+        """Raises ScenarioError for an aperture that is no wider than the longest wavelength."""
+        wavelength_m = LIGHT_SPEED / lowest_hz
+        if blurring.aperture_m is not None and blurring.aperture_m <= wavelength_m:
+            found = (
+                f"{blurring.aperture_m:g} m is no wider than the wavelength, {wavelength_m:.3g} m"
+            )
+            text = f"[sensor] optics.aperture_m: {found}, and makes no beam; widen it"
+            raise ScenarioError([f"{self.scenario.name}: {text}"])
 
     def _asked(self) -> Needs:
         """Returns what the sensor needs."""
@@ -275,7 +289,7 @@ class _Planner:
             air.expansion,
             self.sources,
             spectrum,
-            math.prod(self.pixel_rad),
+            self.pixel_rad,
         )
         return beside(spec)
 
@@ -285,6 +299,7 @@ class _Planner:
 
     def _image(self, setup: Setup, parts: tuple[SumSpec, ...]) -> ImageSpec:
         """Returns the image whose pixels see the sum of some parts."""
+        passband = self.needs.passband
         return ImageSpec(
             self.variant.name,
             PixelsSpec(parts),
@@ -292,7 +307,9 @@ class _Planner:
             self.sources,
             self.spectrum,
             self.scene.sensor,
-            math.prod(self.pixel_rad),
+            self.pixel_rad,
+            self.needs.integration_time_s,
+            None if passband is None else (Values.of(passband[0]), Values.of(passband[1])),
             NoiseKey(noise_seed(self.scene), self.variant.key),
             self.needs.noise,
         )

@@ -27,8 +27,8 @@ def angles(camera: Camera) -> tuple[NDArray[Any], NDArray[Any]]:
     return 1e3 * np.arctan2(right, focal), 1e3 * np.arctan2(up, focal)
 
 
-def conditions(air: Air, sight: Radiances | Echoes) -> tuple[str, ...]:
-    """Returns frequency, range and air in words, for a picture's titles.
+def conditions(air: Air, sight: Radiances | Echoes, caption: str = "") -> tuple[str, ...]:
+    """Returns frequency, range, air and a sensor's caption in words, for a picture's titles.
 
     The range is the median length of the rays that meet a target, or of all rays if none does.
     """
@@ -41,6 +41,7 @@ def conditions(air: Air, sight: Radiances | Echoes) -> tuple[str, ...]:
         f"{air.relative_humidity_percent:.3g} % RH",
         f"{air.absolute_humidity_g_m3:.3g} g/m³",
         f"{air.pressure_hpa:g} hPa",
+        *([caption] if caption else []),
     )
 
 

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from html import escape
 from typing import Any
 
 import numpy as np
 
 from thzcl.results.contents import Array, Contents, ModelResult, VariantResult
-from thzcl.sensor import Radiances
+from thzcl.sensor import Image, Radiances
 
 
 def summary(result: Contents) -> dict[str, Any]:
@@ -37,7 +38,7 @@ def _named(air: dict[str, Any]) -> dict[str, Any]:
 
 def _of_variant(variant: VariantResult, result: Contents) -> dict[str, Any]:
     """Returns the summary of one variant: its targets, facts about its image, and its models."""
-    facts, names = variant.image.facts if variant.image else {}, result.targets
+    facts, names = _facts(variant), result.targets
     valued = {name: {"value": value, "unit": unit} for name, (value, unit) in facts.items()}
     targets = target_table(variant, names)
     found = {"name": variant.name, "targets": targets, "facts": valued}
@@ -53,6 +54,36 @@ def _of_variant(variant: VariantResult, result: Contents) -> dict[str, Any]:
     return found | {"models": by_model}
 
 
+def _image(variant: VariantResult | ModelResult) -> Image | None:
+    """Returns the image, which there is not of models to compare with, nor if the sensor failed."""
+    return variant.image if isinstance(variant, VariantResult) else None
+
+
+def _facts(variant: VariantResult | ModelResult) -> Mapping[str, tuple[float, str]]:
+    """Returns the facts about a variant's image; none if there is no image."""
+    image = _image(variant)
+    return image.facts if image else {}
+
+
+def _signal_to_noise(
+    variant: VariantResult | ModelResult, flag: int, contrast_k: float | None, passed: float
+) -> dict[str, float | None]:
+    """Returns a target's ratio of signal to noise, and its NETD behind the air, K.
+
+    That of an active sensor is the mean of its layer `snr`. That of a passive one is the target's
+    contrast to the air over the noise. Both are None if the sensor has no noise, and of a model to
+    compare with.
+    """
+    image, noise_k = _image(variant), _facts(variant).get("NEDT at the sensor")
+    if image is not None and "snr" in image.layers:
+        ratio = np.asarray(image.layers["snr"].values)[variant.sight.target == flag]
+        return {"snr": float(ratio.mean()), "netd_k": None}
+    if noise_k is None or contrast_k is None:
+        return {"snr": None, "netd_k": None}
+    kelvin = noise_k[0]
+    return {"snr": abs(contrast_k) / kelvin, "netd_k": kelvin / max(passed, 1e-300)}
+
+
 def target_table(
     variant: VariantResult | ModelResult, names: tuple[str, ...]
 ) -> dict[str, dict[str, float | None]]:
@@ -60,7 +91,8 @@ def target_table(
 
     The means are those of the contrast to the air in K, with its standard deviation, of the optical
     depth and of the transmission. With an active sensor there is no contrast, and depth and
-    transmission are those of the way out and back. A target that no pixel shows is left out.
+    transmission are those of the way out and back. A target that no pixel shows is left out. Where
+    the sensor has noise, `snr` and `netd_k` tell what it means for the target, else they are None.
     """
     sight = variant.sight
     flags = sight.target.ravel().astype(np.intp)
@@ -84,6 +116,12 @@ def target_table(
             "std_k": None if spread is None else float(spread[flag]),
             "optical_depth": float(depth[flag]),
             "transmission": float(passed[flag]),
+            **_signal_to_noise(
+                variant,
+                flag,
+                None if contrast is None else float(contrast[flag]),
+                float(passed[flag]),
+            ),
         }
         for flag, name in enumerate(names)
         if pixels[flag]

@@ -39,6 +39,8 @@ def needs(asked: Any, pixels: tuple[int, int]) -> Needs:
         place = x, y, z
     if asked.gain not in ("none", "lambert"):
         raise Breach(f"needs() asked for the gain {asked.gain!r}; there are none and lambert")
+    if asked.illumination not in ("flood", "beam"):
+        raise Breach(f"needs() asked for {asked.illumination!r} light; there are flood and beam")
     if asked.optics is not None and not isinstance(asked.optics, Optics):
         raise Breach("needs() gave optics that are not thzcl.sensor.Optics")
     return replace(
@@ -53,6 +55,9 @@ def needs(asked: Any, pixels: tuple[int, int]) -> Needs:
         noise=bool(asked.noise),
         finer=finer,
         errors=_errors(asked.errors),
+        integration_time_s=_time(asked.integration_time_s),
+        passband=_passband(asked.passband, len(frequency_hz)),
+        notes=tuple(_text(note, "a note of needs()") for note in asked.notes),
     )
 
 
@@ -97,6 +102,25 @@ def _depth(given: Any) -> float | None:
     if not depth > 0:
         raise Breach(f"needs() gave a cut-off at an optical depth of {depth:g}, not above 0")
     return depth
+
+
+def _time(given: Any) -> float | None:
+    if given is None:
+        return None
+    time_s = float(given)
+    if not (time_s > 0 and np.isfinite(time_s)):
+        raise Breach(f"needs() gave an integration time of {time_s:g} s, not above 0")
+    return time_s
+
+
+def _passband(given: Any, count: int) -> tuple[Array, Array] | None:
+    """Returns widths and response, each (frequency,)."""
+    if given is None:
+        return None
+    width_hz, response = given
+    return _numbers(width_hz, "widths of frequencies", (count,)), _numbers(
+        response, "a response", (count,)
+    )
 
 
 def _times(given: Any, pixels: tuple[int, int]) -> Array | None:

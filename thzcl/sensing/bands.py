@@ -53,11 +53,15 @@ class Sight(Protocol):
 
 @dataclass(frozen=True)
 class Band:
-    """A band from `low_hz` to `high_hz`, and the function that gives its response at (n,) Hz."""
+    """A band from `low_hz` to `high_hz`, and the function that gives its response at (n,) Hz.
+
+    `peak` is the largest response.
+    """
 
     low_hz: float
     high_hz: float
     response: Callable[[Array], Array]
+    peak: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -114,6 +118,7 @@ def tabulated(table: Array, name: str) -> Band:
         float(ghz[0]) * 1e9,
         float(ghz[-1]) * 1e9,
         lambda f: np.asarray(np.interp(f, ghz * 1e9, response)),
+        float(response.max()),
     )
 
 

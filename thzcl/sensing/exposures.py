@@ -42,11 +42,14 @@ class Beam:
     shift: Pair = (0.0, 0.0)  # how far down and right of their places the rays lie, in rays
     line: tuple[int, int] | None = None
     part: Values | None = None
+    two_way: bool = False  # whether the beam lights what it receives
 
     def weights(self) -> Array:
         """Returns the weights, (plane or 1, row, column)."""
         hz = self.plane_hz.array
-        whole = optics.kernels(self.optics, self.raster, self.pixel_rad, hz, self.shift)
+        whole = optics.kernels(
+            self.optics, self.raster, self.pixel_rad, hz, self.shift, two_way=self.two_way
+        )
         weights = self.scale * whole
         if self.line is None or self.part is None:
             return weights
@@ -56,7 +59,7 @@ class Beam:
 
     def own(self) -> Beam:
         """Returns what the rays weigh that lie in the pixel, where nothing is blurred."""
-        return replace(self, optics=None)
+        return replace(self, optics=None, two_way=False)
 
 
 class Exposure(NamedTuple):
@@ -78,10 +81,11 @@ class Blur(NamedTuple):
     optics: Optics | None
     pixel_rad: Pair
     plane_hz: Values
+    two_way: bool = False
 
     def beam(self, rays: Raster) -> Beam:
         """Returns what the rays of a raster weigh in a pixel."""
-        return Beam(self.optics, self.pixel_rad, self.plane_hz, rays)
+        return Beam(self.optics, self.pixel_rad, self.plane_hz, rays, two_way=self.two_way)
 
 
 def still(blur: Blur, shape: Geometry) -> list[Exposure]:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import hashlib
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -60,7 +61,9 @@ class ImageSpec(Spec):
     sources: Sources
     spectrum: Spectrum
     sensor: SensorChoice  # the [sensor] table
-    pixel_sr: float  # solid angle of a pixel at the image centre
+    pixel_rad: tuple[float, float]  # width and height of a pixel at the image centre
+    time_s: float | None  # how long the sensor integrates over a pixel, if it says so
+    passband: tuple[Values, Values] | None  # widths and response, if the sensor says so
     noise: NoiseKey
     noisy: bool  # whether the sensor draws random numbers
     reads = ("pixels", "places")
@@ -74,7 +77,10 @@ class ImageSpec(Spec):
     def run(self, device: Device, pixels: Pixels, places: Places) -> Recorded:
         """Returns what reached the sensor, and its image or what went wrong."""
         del device
-        sight = _sight(self, pixels, places)
+        passband = None if self.passband is None else tuple(one.array for one in self.passband)
+        sight = replace(
+            _sight(self, pixels, places), integration_time_s=self.time_s, passband=passband
+        )
         hole = _hole(sight, self.places.ends.geometry.frame, self.places.ends.geometry.raster)
         if hole:
             return Recorded(sight, None, f"{self.name}: {hole}; please report the scene")
@@ -125,7 +131,7 @@ class ComparedSpec(Spec):
     expansion: ExpansionSpec | TrimmedSpec
     sources: Sources
     spectrum: Spectrum  # of these planes
-    pixel_sr: float  # solid angle of a pixel at the image centre
+    pixel_rad: tuple[float, float]  # width and height of a pixel at the image centre
     reads = ("pixels", "places", "expansion")
     stage = "shading"
 
@@ -153,15 +159,17 @@ def _sight(image: ImageSpec | ComparedSpec, pixels: Pixels, places: Places) -> S
         np.asarray(places.path_length, precision),
         places.target,
         None if places.cosine is None else np.asarray(places.cosine, precision),
-        image.pixel_sr,
+        math.prod(image.pixel_rad),
         nodes,
         spectrum.asked(),
     )
+    angles = image.pixel_rad
     if isinstance(sources, Emission):
         air = np.asarray(spectrum.planes(radiometry.planck(nodes, sources.air_k)))
-        return Radiances(*common, pixels.contrast, air, sources.air_k)
+        air_k = sources.air_k
+        return Radiances(*common, pixels.contrast, air, air_k, pixel_angle_rad=angles)
     outgoing = np.asarray(places.outgoing_length, precision)
-    return Echoes(*common, pixels.contrast, outgoing)
+    return Echoes(*common, pixels.contrast, outgoing, pixel_angle_rad=angles)
 
 
 def _hole(sight: Sight, frame: Values, rays: Raster) -> str | None:
