@@ -22,7 +22,7 @@ from thzcl.error.rays import FinePixels, FineWalkSpec, Walked, WalkSpec
 from thzcl.error.twin import Absorber, Path
 from thzcl.graph import Spec, frozen
 from thzcl.sensing.pixels import Pixels, Steps, SumSpec, weigh
-from thzcl.sensing.spectrum import Spectrum
+from thzcl.sensing.spectrum import Spectrum, Split
 from thzcl.sensing.transfer import AnyRays, Rays
 from thzcl.surfaces.radiance import Sources
 
@@ -132,6 +132,7 @@ class ErrorSpec(Spec):
     expansion: ExpansionSpec | TrimmedSpec
     light: Light
     resolved: Light  # with a band summed far more finely; equal to `light` without a band
+    split: Split
     reads = ("rays", "walk", "expansion")
     stage = "error-budget"
 
@@ -146,7 +147,8 @@ class ErrorSpec(Spec):
         cut, ways = _as_cut(rays, walk, walk.paths(span))
         ended = full if cut is walk else light.planes(exact, cut, ways)
         fitted = light.planes(twin.of_surrogate(expansion), cut, ways)
-        ran = rays.contrast.reshape(len(rays.contrast), -1)[:, walk.number]
+        contrast = self.split.contrast(rays.contrast)
+        ran = contrast.reshape(len(contrast), -1)[:, walk.number]
         errors = {"arithmetic": ran - fitted, "surrogate": fitted - ended, "cut-off": ended - full}
         true = full
         if self.resolved != light:
@@ -154,20 +156,18 @@ class ErrorSpec(Spec):
             true = finer.planes(finer.exact(expansion), walk, walk.paths(span))
             errors["band-quadrature"] = full - true
         errors["total"] = ran - true
-        parts = {name: light.part(e, walk.weight, rays.contrast) for name, e in errors.items()}
+        parts = {name: light.part(e, walk.weight, contrast) for name, e in errors.items()}
+        if not rays.interpolated.any():
+            return parts
         return parts | self._thinned(errors["arithmetic"], rays, walk)
 
     def _thinned(self, error: Array, rays: Rays, walk: Walked) -> dict[str, Part]:
-        """Returns the error of interpolated rays, and that of the arithmetic for the others.
-
-        Returns nothing if no ray is interpolated.
-        """
+        """Returns the error of interpolated rays, and that of the arithmetic for the others."""
         interpolated = rays.interpolated.ravel()[walk.number]
-        if not rays.interpolated.any():
-            return {}
+        contrast = self.split.contrast(rays.contrast)
         kinds = {"ray-stride": interpolated, "arithmetic": ~interpolated}
         return {
-            name: self.light.part(error, walk.weight * some, rays.contrast)
+            name: self.light.part(error, walk.weight * some, contrast)
             for name, some in kinds.items()
         }
 
@@ -220,6 +220,7 @@ class LatticeErrorSpec(Spec):
     lattice: SumSpec
     other: SumSpec
     light: Light
+    split: Split
     reads = ("lattice", "other")
     stage = "error-budget"
 
@@ -230,7 +231,7 @@ class LatticeErrorSpec(Spec):
         independent and equal on average.
         """
         del device
-        planes = len(lattice.contrast)
-        error = ((lattice.contrast - other.contrast) / np.sqrt(2)).reshape(planes, -1)
-        weight = np.abs(lattice.contrast).reshape(planes, -1).mean(axis=0)
-        return {"pixel-sampling": self.light.part(error, weight, lattice.contrast)}
+        one, another = (self.split.contrast(pixels.contrast) for pixels in (lattice, other))
+        error = ((one - another) / np.sqrt(2)).reshape(len(one), -1)
+        weight = np.abs(one).reshape(len(one), -1).mean(axis=0)
+        return {"pixel-sampling": self.light.part(error, weight, one)}

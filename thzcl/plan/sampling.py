@@ -12,6 +12,7 @@ from thzcl.graph import Values
 from thzcl.plan.numerics import Foreseen
 from thzcl.sensing import exposures, optics
 from thzcl.sensing.exposures import Blur, Exposure
+from thzcl.sensing.spectrum import Spectrum
 from thzcl.sensor import Needs
 from thzcl.surfaces.geometry import Geometry
 
@@ -30,12 +31,14 @@ class Sampling:
     """What the sampling of one variant's pixels depends on.
 
     `shape` are the rays of the camera and what they can meet, `pixel_rad` is the width and the
-    height of a pixel, `foreseen` a forecast of the image, and `tolerance` that of [numerics].
+    height of a pixel, `parts` what rays are seen in, `foreseen` a forecast of the image, and
+    `tolerance` that of [numerics].
     """
 
     needs: Needs
     shape: Geometry
     pixel_rad: tuple[float, float]
+    parts: Spectrum
     foreseen: Foreseen
     tolerance: float | None
 
@@ -47,7 +50,7 @@ class Sampling:
     @property
     def _blur(self) -> Blur:
         """Returns what blurs the image, at the frequency of each plane."""
-        plane_hz = Values.of(self.foreseen.spectrum.planes(self._nodes_hz))
+        plane_hz = Values.of(self.parts.planes(self._nodes_hz))
         return Blur(self.needs.optics, self.pixel_rad, plane_hz, self._two_way)
 
     @property

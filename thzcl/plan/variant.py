@@ -32,7 +32,7 @@ from thzcl.sensing import bands, optics
 from thzcl.sensing.exposures import Exposure
 from thzcl.sensing.image import ComparedSpec, ImageSpec, NoiseKey
 from thzcl.sensing.pixels import PixelsSpec, PlacesSpec, Steps, SumSpec
-from thzcl.sensing.spectrum import Spectrum, finer, spectrum
+from thzcl.sensing.spectrum import Spectrum, Split, finer, spectrum
 from thzcl.sensor import Needs, Optics, View
 from thzcl.surfaces import camera, geometry, radiance
 from thzcl.surfaces import sky as surfaces_sky
@@ -117,8 +117,7 @@ class _Planner:
             self.needs = self._asked()
             self.spectrum: Spectrum = spectrum(self.needs)
             self.air.refuse_beyond(self.spectrum.nodes_hz.array, NOWHERE, NOWHERE)
-        self.above = None if self.needs.reflection else sky.above(scenario, self.scene, self.air)
-        self.sources = self._sources()
+        self.sources = self._sources(self.air)
         self.rivals = rivals(compared, self.spectrum)
         asked = {one.air: self.spectrum.only(one.planes) for one in self.rivals if one.planes}
         with files_refused(scenario):
@@ -127,6 +126,8 @@ class _Planner:
         self.cube_sources = {self.air: self.cube_source, **by_air}
         # That of the cube that is made, which the main model itself may not need.
         self.source = next((s for s, _ in self.cube_sources.values() if s is not None), None)
+        blurred = self.needs.optics is not None and self.needs.optics.aperture_m is not None
+        self.split = Split.of(self.spectrum, blurred=blurred)
         if self.needs.optics is not None:
             nodes = self.spectrum.nodes_hz.array
             self._refuse_no_beam(self.needs.optics, float(nodes.min()))
@@ -142,7 +143,9 @@ class _Planner:
         self.targets = Values.of([s.target for s in self.surfaces], np.int32)
         self.foreseen = self._foreseen()
         bearable = self.scene.numerics.tolerance
-        self.sampling = Sampling(self.needs, self.shape, self.pixel_rad, self.foreseen, bearable)
+        self.sampling = Sampling(
+            self.needs, self.shape, self.pixel_rad, self.split.parts, self.foreseen, bearable
+        )
         self.settled = numerics.settle(self.scene.numerics, self.needs, self.foreseen)
 
     def _refuse_no_beam(self, blurring: Optics, lowest_hz: float) -> None:
@@ -176,11 +179,16 @@ class _Planner:
             bands.TOLERANCE if bearable is None else numerics.BAND * bearable,
         )
 
-    def _sources(self) -> radiance.Sources:
-        """Returns what surfaces send to the camera: their emission, or echoes of a transmitter."""
-        if not self.needs.reflection:
-            return radiance.emission(self.scene, self.surfaces, self.above)
-        return radiance.reflection(self.surfaces, 2 if self.needs.transmitter_m is None else 1)
+    def _sources(self, air: Air) -> radiance.Sources:
+        """Returns what surfaces send to the camera: their emission, or echoes of a transmitter.
+
+        The sky that they and the camera see is made of `air`.
+        """
+        if self.needs.reflection:
+            count = 2 if self.needs.transmitter_m is None else 1
+            return radiance.reflection(self.surfaces, count)
+        above = sky.above(self.scenario, self.scene, air)
+        return radiance.emission(self.scene, self.surfaces, above)
 
     def _cube_source(self, air: Air, spectrum: Spectrum) -> tuple[Source | None, str]:
         """Returns what the cube is made from, or None and why an air's rays cross no cube."""
@@ -232,7 +240,7 @@ class _Planner:
         lambert = self.needs.gain == "lambert"
         return Setup(
             self.air,
-            self.spectrum,
+            self.split.parts,
             self.sources,
             self.settled,
             self.scene.numerics.moments,
@@ -279,16 +287,17 @@ class _Planner:
 
     def _compared(self, setup: Setup, cube: AnyField | None, one: Rival) -> ComparedSpec:
         """Returns what reaches the pixels by a model to compare with, at the planes it holds."""
-        spectrum = setup.spectrum.only(one.planes)
-        air = self._air(replace(setup, air=one.air, spectrum=spectrum), cube)
+        split, sources = self.split.only(one.planes), self._sources(one.air)
+        its = replace(setup, air=one.air, spectrum=split.parts, sources=sources)
+        air = self._air(its, cube)
         spec = ComparedSpec(
             one.model,
             one.planes,
-            PixelsSpec(self._parts(air, one.planes)),
+            PixelsSpec(self._parts(air, self.split.parts_of(one.planes)), split, sources),
             self._places(setup),
             air.expansion,
-            self.sources,
-            spectrum,
+            sources,
+            split.whole,
             self.pixel_rad,
         )
         return beside(spec)
@@ -302,7 +311,7 @@ class _Planner:
         passband = self.needs.passband
         return ImageSpec(
             self.variant.name,
-            PixelsSpec(parts),
+            PixelsSpec(parts, self.split, self.sources),
             self._places(setup),
             self.sources,
             self.spectrum,
@@ -320,12 +329,13 @@ class _Planner:
         if cube is not None:
             self._refuse_beyond(*cube.spans())
             self.rivals = tuple(o.within(self.spectrum, *cube.spans()) for o in self.rivals)
-        air, every = self._air(setup, cube), tuple(range(self.spectrum.count))
+        air, every = self._air(setup, cube), tuple(range(self.split.parts.count))
         parts = self._parts(air, every)
         errors = self._errors(air, parts[0])
         other = self._fine(setup, every, turn=1) if errors else None
         if other is not None:
-            errors = (*errors, LatticeErrorSpec(parts[1], other, air.twin(self.spectrum)))
+            twin = air.twin(self.spectrum)
+            errors = (*errors, LatticeErrorSpec(parts[1], other, twin, self.split))
         return PlannedVariant(
             self.variant.name,
             self._image(setup, parts),
@@ -375,7 +385,7 @@ class _Planner:
         )
         resolved = finer(self.needs)
         twin = light if resolved is None else air.twin(resolved)
-        error = ErrorSpec(main.rays[number], walk, air.expansion, light, twin)
+        error = ErrorSpec(main.rays[number], walk, air.expansion, light, twin, self.split)
         if self.needs.optics is not None:
             return (error,)
         fine = FineWalkSpec(

@@ -108,25 +108,30 @@ def kernels(
     return center
 
 
-@lru_cache(maxsize=4)  # the lines of a scan have it in common
+@lru_cache(maxsize=16)  # the lines of a scan have it in common
 def _kernel(
     optics: Optics, rays: Raster, pixel_rad: Pair, frequency_hz: float, shift: Pair, two_way: bool
 ) -> Array:
-    """Returns the weights at one frequency, (row, column)."""
+    """Returns the weights at one frequency, (row, column).
+
+    The margin serves the longest wavelength; a shorter one's weights end before, in zeros.
+    """
     from scipy import fft  # its import takes a tenth of a second, which few scenes need to spend
 
-    size = [2 * rays.margin + n for n in rays.block]
     steps = (pixel_rad[1] / rays.block[0], pixel_rad[0] / rays.block[1])
-    passed, (fy, fx) = _transfer(optics, rays, pixel_rad, frequency_hz, two_way)
+    reach = _radius(optics, frequency_hz, two_way=two_way)
+    own = replace(rays, margin=min(rays.margin, int(np.ceil(reach / min(steps)))))
+    size = [2 * own.margin + n for n in own.block]
+    passed, (fy, fx) = _transfer(optics, own, pixel_rad, frequency_hz, two_way)
     # The pixel's centre is the middle of the block: between two rays where their number is even.
     down, right = ((n - 1) / 2 - s for n, s in zip(size, shift, strict=True))
     turned = np.exp(-2j * np.pi * fy * steps[0] * down)[:, None] * passed
     turned *= np.exp(-2j * np.pi * fx * steps[1] * right)
     kernel = fft.irfft2(turned, workers=-1)[: size[0], : size[1]]
-    return np.asarray(kernel / kernel.sum())
+    return np.pad(kernel / kernel.sum(), rays.margin - own.margin)
 
 
-@lru_cache(maxsize=4)  # the points of a lattice have it in common
+@lru_cache(maxsize=16)  # the points of a lattice have it in common
 def _transfer(
     optics: Optics, rays: Raster, pixel_rad: Pair, frequency_hz: float, two_way: bool
 ) -> tuple[Array, tuple[Array, Array]]:

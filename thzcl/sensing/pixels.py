@@ -13,9 +13,11 @@ from thzcl.device.opencl import Device
 from thzcl.graph import LeftOut, Memory, Spec, Values, Work, frozen
 from thzcl.sensing import optics
 from thzcl.sensing.exposures import Beam
+from thzcl.sensing.spectrum import Split
 from thzcl.sensing.transfer import AnyRays, Rays, on_raster
 from thzcl.surfaces.camera import Raster
 from thzcl.surfaces.ends import EndsSpec, OutgoingSpec, RayEnds
+from thzcl.surfaces.radiance import Sources
 
 Array = NDArray[Any]
 FEW = 16  # weights, beyond which a sum over a kernel goes by FFT
@@ -102,6 +104,7 @@ def _correlate(plane: Array, kernel: Array, steps: Steps) -> Array:
     """Returns the sum of one plane (row, column) by a kernel about each pixel, (y, x)."""
     from scipy import fft  # its import takes a tenth of a second, which few scenes need to spend
 
+    plane, kernel = _trimmed(plane, kernel, steps)
     whole = [n + k - 1 for n, k in zip(plane.shape, kernel.shape, strict=True)]
     shape = [fft.next_fast_len(n, real=True) for n in whole]
     spectrum = fft.rfft2(plane.astype(np.float64, copy=False), shape, workers=-1)
@@ -109,6 +112,16 @@ def _correlate(plane: Array, kernel: Array, steps: Steps) -> Array:
     full = fft.irfft2(spectrum, shape, workers=-1)
     first, (height, width) = [k - 1 for k in kernel.shape], steps.pixels
     return np.asarray(full[first[0] :: steps.block[0], first[1] :: steps.block[1]][:height, :width])
+
+
+def _trimmed(plane: Array, kernel: Array, steps: Steps) -> tuple[Array, Array]:
+    """Returns a kernel without rows and columns of zeros at its edges, and the rays it meets."""
+    for axis, (block, pixels) in enumerate(zip(*steps, strict=True)):
+        used = np.flatnonzero(kernel.any(axis=1 - axis))
+        first, last = int(used[0]), int(used[-1]) + 1
+        kernel = kernel.take(np.arange(first, last), axis)
+        plane = plane.take(np.arange(first, last + (pixels - 1) * block), axis)
+    return plane, kernel
 
 
 @dataclass(frozen=True)
@@ -180,9 +193,11 @@ def _added(total: Any, values: Array, beam: Beam, steps: Steps) -> Any:
 
 @frozen
 class PixelsSpec(Spec):
-    """What pixels see: the sum of some weighted sums."""
+    """What pixels see: the sum of some weighted sums, of bands whose parts are put together."""
 
     parts: tuple[SumSpec, ...]
+    split: Split
+    sources: Sources
     reads = ("parts",)
     stage = "shading"
 
@@ -196,4 +211,4 @@ class PixelsSpec(Spec):
         del device
         first, *others = parts
         contrast = sum((other.contrast for other in others), start=first.contrast)
-        return Pixels(first.depth, contrast)
+        return Pixels(self.split.depth(first.depth, self.sources), self.split.contrast(contrast))

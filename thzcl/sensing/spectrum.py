@@ -138,15 +138,8 @@ class Bands:
 
         `depth` is (frequency, ray); neither thin nor deep air loses its digits.
         """
-        found = []
-        for row in sources.passing(self.weights, self.nodes_hz.array):
-            least = depth[row > 0].min(axis=0).astype(np.float64)
-            beyond = np.minimum(least - depth, 0.0)
-            lost = row @ -np.expm1(beyond)
-            # Of the two sums that which is the smaller part of 1 has the digits.
-            small = np.log1p(-np.minimum(lost, 0.5))
-            found.append(least - np.where(lost < 0.5, small, np.log(row @ np.exp(beyond))))
-        return np.array(found)
+        rows = sources.passing(self.weights, self.nodes_hz.array)
+        return np.array([_depth_of_mean(row, depth) for row in rows])
 
     def faintest_depth(self, ratio: Array, absorption: Array) -> float:
         """Returns the depth, at the thinnest frequency, behind which nothing is worth its share.
@@ -158,6 +151,91 @@ class Bands:
 
 
 Spectrum = Frequencies | Bands
+
+
+def _depth_of_mean(weights: Array, depth: Array) -> Array:
+    """Returns the depth of the mean of exp(-depth), with weights of sum 1 along the first axis.
+
+    Neither thin nor deep air loses its digits.
+    """
+    least = depth[weights > 0].min(axis=0).astype(np.float64)
+    beyond = np.minimum(least - depth, 0.0)
+    lost = np.tensordot(weights, -np.expm1(beyond), 1)
+    # Of the two sums that which is the smaller part of 1 has the digits.
+    small = np.log1p(-np.minimum(lost, 0.5))
+    large = np.log(np.tensordot(weights, np.exp(beyond), 1))
+    return np.asarray(least - np.where(lost < 0.5, small, large))
+
+
+WIDEST = 1.2  # highest over lowest frequency of a band that is blurred with one point spread
+
+
+@frozen
+class Split:
+    """Bands, and the parts of them that rays are seen in.
+
+    Optics blur each part with a point spread of its own, since that is as wide as the wavelength.
+    """
+
+    whole: Spectrum
+    parts: Spectrum
+    band: tuple[int, ...]  # number of the band that each part belongs to
+
+    @classmethod
+    def of(cls, whole: Spectrum, *, blurred: bool) -> Split:
+        """Returns the parts of wide bands that are blurred; other spectra are their own parts."""
+        if not blurred or not isinstance(whole, Bands):
+            return cls(whole, whole, ())
+        cut = [_narrow(whole.nodes_hz.array, row) for row in whole.given.array]
+        band = tuple(number for number, rows in enumerate(cut) for _ in rows)
+        if len(band) == whole.count:
+            return cls(whole, whole, ())
+        rows = [row for rows in cut for row in rows]
+        return cls(whole, Bands(whole.nodes_hz, Values.of(rows)), band)
+
+    def parts_of(self, planes: tuple[int, ...]) -> tuple[int, ...]:
+        """Returns the numbers of the parts of some bands."""
+        if not self.band:
+            return planes
+        return tuple(part for part, band in enumerate(self.band) if band in planes)
+
+    def only(self, planes: tuple[int, ...]) -> Split:
+        """Returns some of the bands alone, with their parts."""
+        whole, parts = self.whole.only(planes), self.parts.only(self.parts_of(planes))
+        return Split(whole, parts, tuple(planes.index(b) for b in self.band if b in planes))
+
+    def contrast(self, planes: NDArray[Any]) -> NDArray[Any]:
+        """Returns the contrast of the bands from that of their parts, both (plane, ...)."""
+        if not isinstance(self.whole, Bands) or not self.band:
+            return planes
+        return np.tensordot(self._shares(self.whole.weights), planes, 1)
+
+    def depth(self, planes: NDArray[Any], sources: Sources) -> NDArray[Any]:
+        """Returns the depth of the bands' mean transmission from that of their parts."""
+        if not isinstance(self.whole, Bands) or not self.band:
+            return planes
+        passing = sources.passing(self.whole.weights, self.whole.nodes_hz.array)
+        return np.array([_depth_of_mean(row, planes) for row in self._shares(passing)])
+
+    def _shares(self, weights: Array) -> Array:
+        """Returns what each part weighs in each band, (band, part), of weights (band, node)."""
+        assert isinstance(self.parts, Bands)  # noqa: S101 (bands are cut into bands)
+        inside = self.parts.given.array > 0
+        mine = np.arange(len(weights))[:, None] == np.array(self.band)
+        return np.asarray((weights @ inside.T) * mine)
+
+
+def _narrow(nodes_hz: Array, weights: Array) -> list[Array]:
+    """Returns a band's weights (node,) cut into parts that are no wider than WIDEST."""
+    held = nodes_hz[weights > 0]
+    low, high = float(held.min()), float(held.max())
+    number = max(1, int(np.ceil(np.log(high / low) / np.log(WIDEST) - 1e-9)))
+    if number == 1:
+        return [weights]
+    place = np.log(nodes_hz / low) / np.log(high / low) * number
+    part = np.clip(place.astype(int), 0, number - 1)
+    rows = [np.where(part == one, weights, 0.0) for one in range(number)]
+    return [row for row in rows if row.any()]
 
 
 def spectrum(needs: Needs) -> Spectrum:
