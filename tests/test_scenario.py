@@ -335,7 +335,7 @@ IDLE = {
     "area": ({"sensor": BROAD | {"aperture_m": 0.1}}, 'is used by throughput = "geometric" only'),
     "rate": (
         {"sensor": BROAD | {"frame_rate_hz": 9.0}},
-        "is used with noise_equivalent_power_w_rthz only",
+        "is used with noise_equivalent_power_w_rthz or netd_k or photon_noise only",
     ),
     "dwell": (
         {"sensor": SCAN | {"integration_time_s": 1.0, "dwell_s": 1.0}},

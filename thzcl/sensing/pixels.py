@@ -104,6 +104,8 @@ def _correlate(plane: Array, kernel: Array, steps: Steps) -> Array:
     """Returns the sum of one plane (row, column) by a kernel about each pixel, (y, x)."""
     from scipy import fft  # its import takes a tenth of a second, which few scenes need to spend
 
+    if not kernel.any():  # of a line or part of a beam that this wavelength does not reach
+        return np.zeros(steps.pixels)
     plane, kernel = _trimmed(plane, kernel, steps)
     whole = [n + k - 1 for n, k in zip(plane.shape, kernel.shape, strict=True)]
     shape = [fft.next_fast_len(n, real=True) for n in whole]
