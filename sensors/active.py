@@ -228,7 +228,8 @@ class Active(Sensor):
     def observe(self, sight: Echoes, rng: np.random.Generator) -> Image:
         """Returns the image in decibels over the floor, with the received power in W."""
         p = self.params
-        signal = p.source_power_w * np.asarray(sight.returned[0], dtype=np.float64)
+        returned = np.maximum(sight.returned[0], 0.0)  # blur leaves rounding on either side of 0
+        signal = p.source_power_w * np.asarray(returned, dtype=np.float64)
         if p.spreading == "lambert":  # `returned` is per area; the aperture has this one
             signal *= np.pi / 4 * p.aperture_m**2
         grain = self._grain(sight) if p.grained else None

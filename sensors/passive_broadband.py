@@ -229,7 +229,7 @@ class PassiveBroadband(Sensor):
             noise=p.noisy,
             integration_time_s=self._time_s(view) if p.noisy else None,
             passband=(width_hz, response / band.peak),
-            notes=self._notes(view, used.frequency_hz),
+            notes=self._notes(view, (band.low_hz + band.high_hz) / 2),
             finer=(finer.frequency_hz, finer.weights * self._mode(finer.frequency_hz)),
             errors={"band-quadrature": (error, "of what the shortest path lets through")},
         )
@@ -256,13 +256,13 @@ class PassiveBroadband(Sensor):
             )
         return time_s
 
-    def _notes(self, view: View, frequency_hz: NDArray[np.float64]) -> tuple[str, ...]:
+    def _notes(self, view: View, middle_hz: float) -> tuple[str, ...]:
         """Returns a warning where a geometric throughput is less than one mode."""
         p = self.params
         if p.throughput != "geometric":
             return ()
         across, down = view.pixel_angle_rad
-        wavelength_m = radiometry.LIGHT_SPEED / float(frequency_hz.mean())
+        wavelength_m = radiometry.LIGHT_SPEED / middle_hz
         modes = np.pi / 4 * p.aperture_m**2 * across * down / wavelength_m**2
         if modes >= 1:
             return ()

@@ -123,7 +123,7 @@ def test_variants_may_bring_targets_and_lenses_of_their_own(tmp_path):
         angles = file["x_angle"]
         assert angles.dimensions == ("variant", "x") and angles.attrs["units"] == "mrad"
         assert np.tan(angles[0] / 1e3) == pytest.approx(2 * np.tan(angles[1] / 1e3))
-    extents = {round(axes.images[0].get_extent()[1]) for axes in picture(result).axes[:3]}
+    extents = {round(axes.images[0].get_extent()[1]) for axes in figure.picture(result).axes[:3]}
     assert len(extents) == 2
 
 
@@ -410,3 +410,28 @@ def test_an_error_told_only_at_the_end_is_an_error(two, tmp_path, failing):
     with pytest.raises(OSError, match="quota"):
         two[0].save(tmp_path / "two.nc")
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("limits", "shown"),
+    [("panel", 2), ("shared", 1), ([200.0, 300.0], 1)],
+)
+def test_panels_share_black_and_white_where_asked(tmp_path, limits, shown):
+    """Two variants of other temperatures; the colour bars tell what is black and white."""
+    changed = [
+        {"name": name, "set": {"targets.box.temperature_k": kelvin}}
+        for name, kelvin in (("a", 280.0), ("b", 380.0))
+    ]
+    result = run(tmp_path, scene(variants=changed, output={"limits": limits}))
+    drawn = [ax.images[0].get_clim() for ax in figure.picture(result).axes if ax.images]
+    assert len(set(drawn)) == shown
+    if shown == 1 and limits != "shared":
+        assert drawn[0] == (200.0, 300.0)
+    if limits == "shared":
+        both = np.concatenate([v.image.values.ravel() for v in result.variants])
+        assert drawn[0] == pytest.approx(tuple(np.percentile(both, (0.1, 99.9))))
+
+
+def test_limits_that_do_not_ascend_are_refused(tmp_path):
+    with pytest.raises(ScenarioError, match=r"limits: must ascend"):
+        run(tmp_path, scene(output={"limits": [300.0, 200.0]}))

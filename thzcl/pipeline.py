@@ -224,6 +224,7 @@ def _result(plan: Plan, device: Device, made: list[_Made], clock: Clock, figure:
             for v, one in pairs
         ),
         figure_columns=first.scene.output.figure_columns,
+        limits=first.scene.output.limits,
         difference=first.scene.output.difference,
         grid_rotations=tuple(ROTATIONS[v.orientation] for v in plan.variants),
         device=device.info.description,

@@ -76,6 +76,7 @@ class Contents:
     pixel_angles_mrad: tuple[tuple[Array, Array], ...]
     conditions: tuple[tuple[str, ...], ...]  # each variant's frequency, range and air, in words
     figure_columns: int | None
+    limits: str | tuple[float, float]  # of the picture: "panel", "shared", or black and white
     difference: tuple[str, str] | None  # two variants, the difference of whose images is stored too
     grid_rotations: tuple[Array, ...]  # of each variant
     device: str

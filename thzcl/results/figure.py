@@ -19,6 +19,7 @@ FORMATS = ("png", "pdf", "svg")
 PANEL_INCHES = 3.2
 PITCH_INCHES = PANEL_INCHES + 1.0  # from panel to panel, with the colour bar
 DOTS_PER_INCH = 150
+IMAGE = "gray"  # colours of images
 DIVERGING = "RdBu_r"  # colours of differences, zero in the middle
 SPREAD = "magma"  # colours of standard deviations
 VARIANCE = "image_variance"  # an ensemble's layer
@@ -75,11 +76,36 @@ def picture(result: Contents) -> Any:
     FigureCanvasAgg(figure)
     figure.suptitle(heading, fontsize=HEADING, parse_math=False)
     axes = figure.subplots(rows, columns, squeeze=False)
-    for panel, ax in zip(panels, axes.flat, strict=False):
-        _draw_panel(figure, ax, panel, 0.85 * tall)
+    black_and_white = _limits(panels, result.limits)
+    for panel, ends, ax in zip(panels, black_and_white, axes.flat, strict=False):
+        _draw_panel(figure, ax, panel, ends, 0.85 * tall)
     for ax in axes.flat[len(panels) :]:
         ax.set_axis_off()
     return figure
+
+
+def _limits(panels: Sequence[Panel], asked: str | tuple[float, float]) -> list[tuple[float, float]]:
+    """Returns the values that are black and white in each panel.
+
+    Differences and spreads always have their own; images have what is `asked` for.
+    """
+    images = [panel.values.ravel() for panel in panels if panel.colours == IMAGE]
+    shared = asked if isinstance(asked, tuple) else _stretch(np.concatenate(images))
+    found = []
+    for panel in panels:
+        low, high = _stretch(panel.values)
+        if panel.colours == DIVERGING:
+            low, high = -max(-low, high), max(-low, high)
+        elif panel.colours == IMAGE and asked != "panel":
+            low, high = shared
+        found.append((low, high if low < high else low + 1.0))
+    return found
+
+
+def _stretch(values: Array) -> tuple[float, float]:
+    """Returns the percentiles of an image that are shown black and white."""
+    low, high = np.percentile(values, STRETCH_PERCENT)
+    return float(low), float(high)
 
 
 def _panels(result: Contents) -> tuple[list[Panel], int, list[str]]:
@@ -99,7 +125,7 @@ def _panels(result: Contents) -> tuple[list[Panel], int, list[str]]:
     for variant, image, words, extent in shown:
         own = [word for word, same in zip(words, shared, strict=True) if not same]
         title = _title(variant.name, own)
-        found.append(Panel(title, image.values, image.quantity, image.unit, "gray", extent))
+        found.append(Panel(title, image.values, image.quantity, image.unit, IMAGE, extent))
         found += _spreads(result, variant, image, extent)
     beside = len(found) // len(shown)
     difference = result.image_difference()
@@ -173,18 +199,15 @@ def _folded(pieces: Iterable[str], width: float, points: float) -> str:
     return "\n".join(lines)
 
 
-def _draw_panel(figure: Any, ax: Any, panel: Panel, bar_inches: float) -> None:
+def _draw_panel(
+    figure: Any, ax: Any, panel: Panel, ends: tuple[float, float], bar_inches: float
+) -> None:
     """Draws a panel on its axes, with a colour bar whose label is at most `bar_inches` long."""
-    low, high = np.percentile(panel.values, STRETCH_PERCENT)
-    if panel.colours == DIVERGING:
-        low, high = -max(-low, high), max(-low, high)
-    if low == high:
-        high = low + 1.0
     shown = ax.imshow(
         panel.values,
         cmap=panel.colours,
-        vmin=low,
-        vmax=high,
+        vmin=ends[0],
+        vmax=ends[1],
         extent=panel.extent,
         interpolation="nearest",
     )

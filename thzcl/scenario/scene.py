@@ -262,12 +262,23 @@ class Output(Table):
 
     save_field: bool = key(False, help="store the humidity cube (and the temperature cube)")
     figure_columns: int | None = key(None, ge=1, le=100, help="panels to a row of the picture")
+    limits: Literal["panel", "shared"] | tuple[float, float] = key(
+        "panel",
+        help="what is black and white in the picture: each panel's own, those of all panels "
+        "together, or two values [low, high] in the image's unit",
+    )
     difference: tuple[str, str] | None = key(
         None, help="two variants whose images' difference is shown and stored too"
     )
     model_spread: bool = key(
         False, help="show beside each image how far apart the models of [atmosphere] compare are"
     )
+
+    def troubles(self) -> list[Trouble]:  # noqa: D102 (Table's)
+        if isinstance(self.limits, str) or self.limits[0] < self.limits[1]:
+            return []
+        text = f"must ascend, as in [250, 310], not {list(self.limits)}"
+        return [Trouble(("limits",), text)]
 
 
 class SensorChoice(Table):
