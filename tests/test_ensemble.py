@@ -12,9 +12,9 @@ from thzcl import pipeline
 from thzcl.errors import ScenarioError
 from thzcl.graph import evaluate, everything
 from thzcl.plan import report as overview
+from thzcl.results.contents import VariantResult
 from thzcl.sensor import Image, Layer, Radiances
 from thzcl.studies import ensemble
-from thzcl.results.contents import VariantResult
 from thzcl.studies.ensemble import Ensemble, Running
 from thzcl.turbulence.fields import FieldSpec
 

@@ -77,10 +77,10 @@ class ImageSpec(Spec):
     def run(self, device: Device, pixels: Pixels, places: Places) -> Recorded:
         """Returns what reached the sensor, and its image or what went wrong."""
         del device
-        passband = None if self.passband is None else tuple(one.array for one in self.passband)
-        sight = replace(
-            _sight(self, pixels, places), integration_time_s=self.time_s, passband=passband
-        )
+        sight = replace(_sight(self, pixels, places), integration_time_s=self.time_s)
+        if self.passband is not None:
+            widths, response = self.passband
+            sight = replace(sight, passband=(widths.array, response.array))
         hole = _hole(sight, self.places.ends.geometry.frame, self.places.ends.geometry.raster)
         if hole:
             return Recorded(sight, None, f"{self.name}: {hole}; please report the scene")
