@@ -27,6 +27,7 @@ STAGES = [
     "ground",
     "boxes",
     "billboards",
+    "sky",
     "outgoing-path",
     "optics",
     "noise",
