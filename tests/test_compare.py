@@ -36,6 +36,8 @@ BISTATIC = ACTIVE | {"arrangement": "bistatic", "transmitter_m": [0.0, 5.0, 6.0]
 PAPER = BROAD | {"quadrature": "paper", "step_ghz": 20.0}
 WARM = {"atmosphere__fluctuations__temperature_sigma_k": 1.0}
 SCAN = {"kind": "raster-scan", "dwell_s": 0.02, "detector": SPECTRAL}
+SKY = {"sky": {"profile": "us-standard"}, "background__environment": "sky"}
+LOW = SPECTRAL | {"frequency_ghz": [220.0, 340.0]}  # where one sees beyond the scene's own air
 CLIMATES = [
     {"name": name, "set": {"atmosphere.relative_humidity_percent": percent}}
     for name, percent in {"dry": 20.0, "wet": 95.0}.items()
@@ -79,6 +81,10 @@ COMBINED = {
     "bistatic scan": {"atmosphere": DRIFTING, "sensor": SCAN | {"detector": BISTATIC}},
     "bistatic optics": {"sensor": BISTATIC | {"optics": OPTICS}},
     "optics of a band": {"sensor": PAPER | {"optics": OPTICS}},
+    "sky": SKY | {"sensor": LOW},
+    "sky in even air": SKY | {"sensor": LOW, "atmosphere": MOIST},
+    "sky in warm air": SKY | WARM | {"sensor": LOW},
+    "sky of a band": SKY | {"sensor": PAPER | {"center_ghz": 220.0}},
     "warm scan of optics": {
         "atmosphere": DRIFTING
         | {"fluctuations": DRIFTING["fluctuations"] | {"temperature_sigma_k": 1.0}},
