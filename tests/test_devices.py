@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -236,3 +238,48 @@ def test_a_gpu_makes_the_same_image(tmp_path, device, gpu, kelvin):
     assert np.ptp(image) > 5
     assert same == pytest.approx(image, abs=1e-5)
     assert other.voxel_segments == one.voxel_segments
+
+
+FORK = """
+import multiprocessing, sys
+import thzcl
+
+def again(device, answers):
+    try:
+        thzcl.run("quick", settings={"camera.pixels": [4, 4]}, figure=False, device=device)
+        answers.put("ran")
+    except thzcl.errors.DeviceError as error:
+        answers.put(str(error))
+
+opened = thzcl.open_device()
+thzcl.run("quick", settings={"camera.pixels": [4, 4]}, figure=False, device=opened)
+fork = multiprocessing.get_context("fork")
+for device in (None, opened):
+    answers = fork.Queue()
+    child = fork.Process(target=again, args=(device, answers))
+    child.start()
+    print(answers.get(timeout=60))
+    child.join(60)
+    print(child.exitcode)
+"""
+
+
+def test_a_fork_after_a_run_fails_in_words():
+    """With a device of its own or an inherited one; and it ends without releasing anything."""
+    done = subprocess.run(
+        [sys.executable, "-c", FORK], capture_output=True, text=True, timeout=180, check=True
+    )
+    lines = done.stdout.splitlines()
+    assert lines[1::2] == ["0", "0"]
+    assert all('get_context("spawn")' in line for line in lines[::2])
+    assert len(lines) == 4
+
+
+def test_a_fork_before_the_first_run_works():
+    text = FORK.replace("opened = thzcl.open_device()\n", "opened = None\n")
+    first = text.index("thzcl.run(", text.index("opened = None"))
+    text = text[:first] + text[text.index("fork = ") :]
+    done = subprocess.run(
+        [sys.executable, "-c", text], capture_output=True, text=True, timeout=180, check=True
+    )
+    assert done.stdout.splitlines() == ["ran", "0", "ran", "0"]

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from thzcl.device import library, pocl
-from thzcl.device.binding import cl
+from thzcl.device.binding import cl, start
 
 
 @dataclass(frozen=True)
@@ -30,7 +30,11 @@ class DeviceInfo:
 
 
 def raw_devices() -> list[tuple[Any, DeviceInfo]]:
-    """Returns every device of every platform, in OpenCL's order, with what is known of it."""
+    """Returns every device of every platform, in OpenCL's order, with what is known of it.
+
+    Raises DeviceError in a process that was forked after OpenCL had started.
+    """
+    start()
     pocl.set_environment()
     try:
         found = [device for platform in cl.get_platforms() for device in platform.get_devices()]

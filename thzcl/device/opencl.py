@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 from thzcl.device import cache, pocl, signature, transform
-from thzcl.device.binding import cl
+from thzcl.device.binding import cl, held
+from thzcl.device.binding import start as use_opencl
 from thzcl.device.info import DeviceInfo
 from thzcl.device.kernels import Kernels, text_of
 from thzcl.device.memory import available_memory
@@ -40,6 +41,8 @@ class Buffer:
     """An array on the device; on a CPU a NumPy array whose memory the device uses in place."""
 
     def __init__(self, device: Device, shape: tuple[int, ...], dtype: DTypeLike) -> None:
+        use_opencl()
+        held.add(self)
         self.shape = shape
         self.dtype = np.dtype(dtype)
         self._device = device
@@ -158,6 +161,7 @@ class Device:
     """One OpenCL device with its queue."""
 
     def __init__(self, device: Any, info: DeviceInfo) -> None:
+        held.add(self)
         self.info = info
         self.context = cl.Context([device])
         self.queue = cl.CommandQueue(self.context)
@@ -240,6 +244,7 @@ class Device:
         A program that was built before, here or in an earlier run, is not built again. Raises
         DeviceError if the device has no float64 where that is asked for.
         """
+        use_opencl()
         if precision == "float64" and not self.float64:
             raise DeviceError(
                 f"{self.info.name} cannot compute in float64; "
