@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from contextlib import suppress
 from importlib import import_module
-from typing import Any
+from typing import Annotated, Any
 
 import typer
 from typer.core import TyperCommand, TyperGroup
@@ -33,6 +34,7 @@ COMMANDS = (
     "devices",
     "doctor",
 )
+COMPLETION = "_THZCL_COMPLETE"  # of the environment, in which a shell's completion asks
 # What typer raises for a command line that makes no sense.
 USAGE_ERROR: Any = typer.BadParameter.__base__
 
@@ -91,15 +93,40 @@ app = typer.Typer(
     cls=Group,
     help="What will this terahertz imager see, through this air?",
     no_args_is_help=True,
-    add_completion=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 
 
+def _version(asked: bool) -> None:
+    if asked:
+        from thzcl.results.versions import VERSION
+
+        print(f"thzcl {VERSION}")
+        raise typer.Exit
+
+
 @app.callback()
-def _all_commands() -> None:
+def _all_commands(
+    version: Annotated[
+        bool,
+        typer.Option(
+            "--version", callback=_version, is_eager=True, help="show the version and exit"
+        ),
+    ] = False,
+) -> None:
     # Typer makes a group of what has a callback.
     pass
+
+
+def _parsed(command: Any, arguments: Sequence[str]) -> Any:
+    """Returns the context of a command line.
+
+    Raises what typer does, typer.Exit also where an option such as --show-completion has done all.
+    """
+    try:
+        return command.make_context("thzcl", list(arguments))
+    except SystemExit as stop:
+        raise typer.Exit(stop.code if isinstance(stop.code, int) else DONE) from None
 
 
 def call(arguments: Sequence[str]) -> int:
@@ -108,8 +135,12 @@ def call(arguments: Sequence[str]) -> int:
     What the command raises is raised, but for a command line that makes no sense.
     """
     command = typer.main.get_command(app)
+    if COMPLETION in os.environ:  # a shell asks what could follow
+        with suppress(SystemExit):  # as which typer ends once it has answered
+            command.main(list(arguments), "thzcl", COMPLETION, standalone_mode=False)
+        return DONE
     try:
-        with command.make_context("thzcl", list(arguments)) as context:
+        with _parsed(command, arguments) as context:
             code = command.invoke(context)
     except typer.Exit as stop:
         return int(stop.exit_code)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any
@@ -33,10 +34,27 @@ class RecordFormat(StrEnum):
     json = "json"
 
 
+def _sources(incomplete: str) -> list[str]:
+    """Returns the shipped scenes, scene files, results and folders whose names begin so."""
+    from thzcl.scenario.source import shipped
+
+    folder = Path(incomplete if incomplete.endswith("/") else Path(incomplete).parent)
+    found = list(shipped())
+    with suppress(OSError):
+        for path in sorted(folder.iterdir()):
+            if path.suffix in (".toml", ".nc"):
+                found.append(str(path))
+            elif path.is_dir():
+                found.append(f"{path}/")
+    return [name for name in found if name.startswith(incomplete)]
+
+
 Source = Annotated[
     str,
     typer.Argument(
-        metavar="SCENARIO", help="a TOML file, a result (.nc), or the name of a shipped scene"
+        metavar="SCENARIO",
+        help="a TOML file, a result (.nc), or the name of a shipped scene",
+        autocompletion=_sources,
     ),
 ]
 Folder = Annotated[Path, typer.Option("-o", "--output", metavar="DIR", help="folder for the files")]

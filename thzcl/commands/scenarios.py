@@ -2,10 +2,19 @@
 
 from __future__ import annotations
 
+from typing import Annotated
 
-def scenarios() -> None:
-    """List the shipped scenes."""
+import typer
+
+
+def scenarios(
+    name: Annotated[str | None, typer.Argument(metavar="[NAME]", help="print this one")] = None,
+) -> None:
+    """List the shipped scenes, or print one: `thzcl scenarios figure6 > mine.toml`."""
     from thzcl.commands.tables import Column, Table, show
-    from thzcl.scenario.source import shipped
+    from thzcl.scenario.source import shipped, shipped_text
 
-    show(Table("", (Column("scene"), Column("")), tuple(shipped().items())))
+    if name is None:
+        show(Table("", (Column("scene"), Column("")), tuple(shipped().items())))
+    else:
+        print(shipped_text(name), end="")

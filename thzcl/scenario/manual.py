@@ -22,6 +22,7 @@ from thzcl.scenario.scene import Scene
 from thzcl.scenario.sensors import HOOK as SENSORS
 from thzcl.sensor import Sensor
 
+SCHEMA_ID = "urn:thzcl:scenario"
 ANY_SENSOR = "SensorTable"  # in the schema: a table of any kind of sensor
 IN_AIR = "atmosphere."  # before the names of constituents' tables there
 
@@ -95,7 +96,9 @@ def scenario_schema() -> dict[str, Any]:
     definitions = schema["$defs"]
     sensors = _plugin_schemas(SENSORS, _sensor_schema)
     definitions |= sensors
-    definitions[ANY_SENSOR] = {"oneOf": [{"$ref": f"#/$defs/{name}"} for name in sensors]}
+    definitions[ANY_SENSOR] = _by_kind({name: f"#/$defs/{name}" for name in sensors})
+    kinds = schema["properties"]["targets"]["additionalProperties"]["discriminator"]["mapping"]
+    schema["properties"]["targets"]["additionalProperties"] = _by_kind(kinds)
     schema["properties"]["sensor"] = {"$ref": f"#/$defs/{ANY_SENSOR}"}
     in_air = _plugin_schemas(CONSTITUENTS, _constituent_schema)
     definitions |= in_air
@@ -106,8 +109,28 @@ def scenario_schema() -> dict[str, Any]:
     atmosphere["additionalProperties"] = False
     schema["properties"]["variants"] = {"type": "array", "items": VariantTable.model_json_schema()}
     schema["$schema"] = "https://json-schema.org/draft/2020-12/schema"
+    schema["$id"] = SCHEMA_ID
     schema["title"] = "thzcl scenario"
     return schema
+
+
+def _by_kind(references: dict[str, str]) -> dict[str, Any]:
+    """Returns the schema of a table whose `kind` says which schema it has to obey.
+
+    Editors name the key that is wrong; of alternatives they would only say that none fits.
+    """
+    return {
+        "type": "object",
+        "required": ["kind"],
+        "properties": {"kind": {"enum": list(references)}},
+        "allOf": [
+            {
+                "if": {"required": ["kind"], "properties": {"kind": {"const": kind}}},
+                "then": {"$ref": reference},
+            }
+            for kind, reference in references.items()
+        ],
+    }
 
 
 def _plugin_schemas(

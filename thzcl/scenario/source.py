@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from thzcl.errors import FileError, ScenarioError
 from thzcl.files import RESULT, SCENE, open_netcdf, read_text
 from thzcl.plugins.names import suggest
+from thzcl.scenario.text import load
 
 SHIPPED = Path(__file__).parents[1] / "scenarios"
 if not SHIPPED.is_dir():  # straight from a checkout
@@ -41,6 +43,28 @@ def shipped() -> dict[str, str]:
             comment.append(line.lstrip("# "))
         scenes[path.stem] = " ".join(comment).split(". ")[0].rstrip(".")
     return scenes
+
+
+def shipped_text(name: str) -> str:
+    """Returns the TOML text of a shipped scene. Raises ScenarioError if there is none."""
+    if name not in shipped():
+        raise ScenarioError([f"{name}: no such shipped scene ({suggest(name, list(shipped()))})"])
+    return (SHIPPED / f"{name}.toml").read_text(encoding="utf-8")
+
+
+def shipped_files(name: str) -> list[Path]:
+    """Returns the pictures and tables that a shipped scene names, which lie beside it."""
+    names = _texts(load(shipped_text(name), name))
+    return sorted({SHIPPED / text for text in names if (SHIPPED / text).is_file()})
+
+
+def _texts(value: Any) -> Iterator[str]:
+    """Yields the texts among the values of nested tables and lists."""
+    if isinstance(value, str):
+        yield value
+    elif isinstance(value, dict | list):
+        for one in value.values() if isinstance(value, dict) else value:
+            yield from _texts(one)
 
 
 class Text(NamedTuple):
