@@ -54,7 +54,10 @@ def test_a_mistyped_scene_gets_a_suggestion(tmp_path, thzcl_command):
     ("changes", "path"),
     [
         ({"sensor": {"kind": "activ"}}, ["sensor", "kind"]),
-        ({"sensor": {"kind": "passive-spectral", "frequency_ghz": "x"}}, ["sensor", "frequency_ghz"]),
+        (
+            {"sensor": {"kind": "passive-spectral", "frequency_ghz": "x"}},
+            ["sensor", "frequency_ghz"],
+        ),
         ({"targets": {"box": {"kind": "bx"}}}, ["targets", "box", "kind"]),
         ({"targets": {"box": {}}}, ["targets", "box"]),
     ],
