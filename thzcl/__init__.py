@@ -21,11 +21,13 @@ if _TYPE_CHECKING:
     from thzcl.device.choose import open_device
     from thzcl.pipeline import run
     from thzcl.results.result import Result
+    from thzcl.scenario.source import Scene
 
-__all__ = ["Result", "open_device", "run"]
+__all__ = ["Result", "Scene", "open_device", "run"]
 
 _HOMES = {
     "Result": "thzcl.results.result",
+    "Scene": "thzcl.scenario.source",
     "open_device": "thzcl.device.choose",
     "run": "thzcl.pipeline",
 }

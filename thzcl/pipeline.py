@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import islice
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from thzcl.air.expansion import Expansion
@@ -33,7 +32,7 @@ USUAL_TOLERANCE = 1e-3  # error relative to the contrast that no scene needs to 
 
 
 def prepare(
-    source: str | Path,
+    source: documents.Source,
     settings: Mapping[str, Any] | None = None,
     variants: Sequence[str] = (),
     *,
@@ -54,7 +53,7 @@ def prepare(
 
 
 def run(
-    source: str | Path,
+    source: documents.Source,
     *,
     settings: Mapping[str, Any] | None = None,
     variants: Sequence[str] = (),
@@ -64,6 +63,16 @@ def run(
     progress: Progress | None = None,
 ) -> Result:
     """Returns the images of a scenario: a TOML file, a result, or the name of a shipped scene.
+
+    It may also be the tables of a scene themselves, or a thzcl.Scene:
+
+    >>> import thzcl
+    >>> few = {"camera.pixels": [4, 3], "atmosphere.fluctuations.grid": 16}
+    >>> result = thzcl.run("quick", settings=few)
+    >>> result.variants[0].image.values.shape
+    (3, 4)
+    >>> result.save("quick.nc").name
+    'quick.nc'
 
     `settings` changes keys ({"targets.box.temperature_k": 300.0}), `variants` picks some by name.
     `device` is a number, a part of a name, or a device that thzcl.open_device has opened. `figure`

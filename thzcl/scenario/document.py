@@ -13,14 +13,16 @@ from thzcl.errors import ScenarioError
 from thzcl.files import inside
 from thzcl.plugins.names import suggest
 from thzcl.scenario import constituents, sensors
+from thzcl.scenario import source as scenes
 from thzcl.scenario.atmosphere import Atmosphere
 from thzcl.scenario.lines import line_numbers
 from thzcl.scenario.problems import Path as KeyPath
 from thzcl.scenario.problems import Trouble, shown, validate
 from thzcl.scenario.scene import Scene
-from thzcl.scenario.source import find, text_of
 from thzcl.scenario.table import Table, key
 from thzcl.scenario.text import DEEPEST, dumps, load, plain
+
+Source = str | Path | Mapping[str, Any] | scenes.Scene  # of a scenario
 
 
 @dataclass(frozen=True)
@@ -133,24 +135,32 @@ class Document:
 
 
 def read(
-    source: str | Path, settings: Mapping[str, Any] | None = None, seed: int | None = None
+    source: Source, settings: Mapping[str, Any] | None = None, seed: int | None = None
 ) -> Document:
-    """Reads a scenario: a path to TOML or to a result, or the bare name of a shipped scene.
+    """Reads a scenario: a path to TOML or to a result, the bare name of a shipped scene, or tables.
 
     `settings` maps dotted keys to values; None removes a key. `seed` is that of fluctuations which
     name none; if it is None too, one is drawn. Raises ScenarioError if there is no
     such file, it is not TOML, or a setting cannot be made.
     """
-    path = find(source)
-    text, folder, made = text_of(path)
-    data = load(text, str(path))
+    tables = isinstance(source, Mapping)
+    if isinstance(source, Mapping):
+        source = scenes.Scene.from_dict(source)
+    if isinstance(source, scenes.Scene):
+        label, name, given = source.name, source.name, scenes.Text(source.text, source.folder)
+    else:
+        path = scenes.find(source)
+        label, name, given = str(path), path.stem, scenes.text_of(path)
+    text, folder, made = given
+    data = load(text, label)
     reasons = {name: _change(data, name, value) for name, value in (settings or {}).items()}
     if any(reasons.values()):
         raise ScenarioError([f"--set {name}: {why}" for name, why in reasons.items() if why])
     _fill_seeds(data, secrets.randbits(32) if seed is None else seed)
     changed = frozenset(map(_split, reasons))
-    name = path.stem.encode("utf-8", "surrogateescape").decode("utf-8", "replace")
-    return Document(name, str(path), folder, data, line_numbers(text), changed, made)
+    name = name.encode("utf-8", "surrogateescape").decode("utf-8", "replace")
+    lines = {} if tables else line_numbers(text)
+    return Document(name, label, folder, data, lines, changed, made)
 
 
 def _fill_seeds(data: dict[str, Any], seed: int) -> None:

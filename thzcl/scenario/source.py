@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from thzcl.errors import FileError, ScenarioError
 from thzcl.files import RESULT, SCENE, open_netcdf, read_text
 from thzcl.plugins.names import suggest
-from thzcl.scenario.text import load
+from thzcl.scenario.text import dumps, load
 
 SHIPPED = Path(__file__).parents[1] / "scenarios"
 if not SHIPPED.is_dir():  # straight from a checkout
@@ -65,6 +66,47 @@ def _texts(value: Any) -> Iterator[str]:
     elif isinstance(value, dict | list):
         for one in value.values() if isinstance(value, dict) else value:
             yield from _texts(one)
+
+
+@dataclass(frozen=True)
+class Scene:
+    """A scene that stands in no file: its TOML text, and the folder that its paths start from.
+
+    thzcl.run takes it as it takes a file. Nothing is checked before that.
+
+    >>> import thzcl
+    >>> scene = thzcl.Scene.from_toml('''
+    ... camera = { position_m = [0, 0, 2], look_at_m = [0, 30, 1], focal_length_mm = 50,
+    ...            focal_plane_mm = [10, 10], pixels = [4, 4] }
+    ... atmosphere = { temperature_k = 290, relative_humidity_percent = 60 }
+    ... ground = { temperature_k = 285 }
+    ... sensor = { kind = "passive-spectral", frequency_ghz = 340 }
+    ... ''')
+    >>> thzcl.run(scene).targets
+    ('background', 'ground')
+    """
+
+    text: str
+    folder: Path = Path()
+    name: str = "scene"
+
+    @classmethod
+    def from_toml(cls, text: str, *, folder: str | Path = ".", name: str = "scene") -> Scene:
+        """Returns the scene of a TOML text."""
+        return cls(text, Path(folder), name)
+
+    @classmethod
+    def from_dict(
+        cls, tables: Mapping[str, Any], *, folder: str | Path = ".", name: str = "scene"
+    ) -> Scene:
+        """Returns the scene of nested tables; NumPy's numbers and arrays are taken as well.
+
+        Keys whose value is None are left out. Raises ScenarioError for what TOML cannot hold.
+        """
+        try:
+            return cls(dumps(tables), Path(folder), name)
+        except ValueError as error:
+            raise ScenarioError([f"{name}: {error}"]) from None
 
 
 class Text(NamedTuple):
