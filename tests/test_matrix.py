@@ -9,27 +9,31 @@ from __future__ import annotations
 
 import math
 from copy import deepcopy
+from functools import cache
 from itertools import combinations
 
 import numpy as np
 import oracle
 import pytest
 from scenes import lens, run, write
+from test_sky import slow_sky
 
 from thzcl import pipeline
 from thzcl.errors import ScenarioError
 
-HZ, AIR_K, PRESSURE = 650e9, 290.0, 1013.25
+AIR_K, PRESSURE = 290.0, 1013.25
+EVEN_M = 85.0  # 50 m above the wall, up to where the air is the scene's
 WIND, DWELL_S = np.array([3.0, -2.0, 1.0]), 0.4
 TRANSMITTER = [1.0, 4.0, 6.0]
 BLUR_RAD = 0.04  # full width at half maximum, two pixels
 LOOKS, NEP, BANDWIDTH_HZ = 4, 1e-12, 1e4
+OTHER = "p676-13"  # the model that is compared
 SEEDS = range(40, 70)  # of noise, where statistics are taken
-PASSIVE = {"kind": "passive-spectral", "frequency_ghz": HZ / 1e9}
-ACTIVE = {"kind": "active", "frequency_ghz": HZ / 1e9, "dynamic_range_db": 200.0}
-BAND = {"kind": "passive-broadband", "center_ghz": 650.0, "bandwidth_ghz": 30.0}
+PASSIVE = {"kind": "passive-spectral"}
+ACTIVE = {"kind": "active", "dynamic_range_db": 200.0}
+BAND = {"kind": "passive-broadband", "bandwidth_ghz": 30.0}
 BAND |= {"quadrature": "paper", "paper_steps": "bins", "step_ghz": 10.0}
-NODES = [640e9, 650e9, 660e9]
+STEPS_HZ = np.array([-10e9, 0.0, 10e9])
 SCENE = {
     "camera": {
         "position_m": [0.0, 0.0, 5.0],
@@ -59,7 +63,7 @@ SCENE = {
 }
 FEATURES = (
     *("scan", "optics", "bistatic", "speckle", "noise", "samples", "thinning", "realisations"),
-    *("bands", "temperature", "float64"),
+    *("bands", "temperature", "float64", "compare", "sky"),
 )
 PAIRS = list(combinations(FEATURES, 2))
 ACTIVE_ALONE = {"bistatic", "speckle"}
@@ -73,6 +77,10 @@ def detector_of(has):
     """Returns the table of the sensor that records, and whether it is active."""
     active = bool(has & ACTIVE_ALONE)
     sensor = dict(ACTIVE if active else BAND if has & {"bands", "noise"} else PASSIVE)
+    # The sky is as warm as moist air at 650 GHz, and the colder the lower the frequency.
+    sensor["center_ghz" if sensor["kind"] == BAND["kind"] else "frequency_ghz"] = (
+        410.0 if "sky" in has else 650.0
+    )
     if "bistatic" in has:
         sensor |= {"arrangement": "bistatic", "transmitter_m": TRANSMITTER}
     if "speckle" in has:
@@ -112,20 +120,49 @@ def made(pair):
         air["temperature_sigma_k"] = 2.0
     if "float64" in has:
         numerics["precision"] = "float64"
+    if "compare" in has:
+        data["atmosphere"]["compare"] = [OTHER]
+    if "sky" in has:
+        data["sky"] = {"profile": "us-standard"}
+        data["background"]["environment"] = "sky"
+        air["sigma_percent"] = 60.0  # at 410 GHz half as opaque as at 650
     return data, active
+
+
+@cache
+def of_sky(hz, model):
+    """Returns the radiance above the air's that a wall sees of the sky and of black ground.
+
+    Directions e above the horizon have a share of 2 cos(e)^2 / pi de; the ground has the air's
+    temperature.
+    """
+    grams = 0.7 * oracle.saturation_hpa(AIR_K) * 1e5 / 461.525 / AIR_K
+    x, w = np.polynomial.legendre.leggauss(16)
+    up, share = (x + 1) * math.pi / 4, w * math.pi / 4
+    air = 5.0, AIR_K, grams, 5.0, EVEN_M
+    above = [slow_sky(hz, math.degrees(e), *air, model=model) for e in up]
+    return float((above - oracle.planck(hz, AIR_K)) @ (share * 2 / math.pi * np.cos(up) ** 2))
+
+
+def nodes_of(detector):
+    """Returns the frequencies of a sensor, Hz."""
+    if "center_ghz" in detector:
+        return detector["center_ghz"] * 1e9 + STEPS_HZ
+    return np.array([detector["frequency_ghz"] * 1e9])
 
 
 class Oracle:
     """The mean signal of pixels, ray by ray: contrast by frequency, or what comes back."""
 
-    def __init__(self, data, active, cube, turn):
+    def __init__(self, data, active, cube, turn, model):
         self.data, self.active, self.cube, self.turn = data, active, cube, turn
+        self.model = model
         self.camera = lens(data)
         wall = data["targets"]["wall"]
         self.box = oracle.Box(wall["center_m"], wall["size_m"], wall["yaw_deg"])
         detector = data["sensor"].get("detector", data["sensor"])
         self.detector = detector
-        self.nodes = NODES if detector["kind"] == "passive-broadband" else [HZ]
+        self.nodes = nodes_of(detector)
 
     def pixel(self, row, column):
         """Returns the mean over a pixel's rays, which are all taken at the pixel's own time."""
@@ -159,13 +196,14 @@ class Oracle:
         far = self.box.meet(origin, direction)[0]
         grams, kelvin, metres = self.air(origin, direction, far, time_s)
         if self.active:
-            depth = self.depth(HZ, grams, kelvin, metres)
+            (hz,) = self.nodes
+            depth = self.depth(hz, grams, kelvin, metres)
             out = depth
             if "transmitter_m" in self.detector:
                 source = np.array(TRANSMITTER)
                 way = origin + far * direction - source
                 long = math.sqrt(way @ way)
-                out = self.depth(HZ, *self.air(source, way / long, long, time_s))
+                out = self.depth(hz, *self.air(source, way / long, long, time_s))
             return np.array([0.3 * math.exp(-depth - out)])
         return np.array([self.contrast(hz, grams, kelvin, metres) for hz in self.nodes])
 
@@ -179,21 +217,25 @@ class Oracle:
             kelvin, _ = oracle.path(self.cube.air_temperature_k.astype(float), *way)
         return grams, kelvin, metres
 
-    @staticmethod
-    def depth(hz, grams, kelvin, metres):
-        """Returns the optical depth of segments."""
-        return float(oracle.absorption_per_m(hz, kelvin, PRESSURE, grams) @ metres)
+    def absorption(self, hz, grams, kelvin):
+        """Returns the absorption of segments, 1/m."""
+        return oracle.absorption_per_m(hz, kelvin, PRESSURE, grams, self.model)
 
-    @staticmethod
-    def contrast(hz, grams, kelvin, metres):
+    def depth(self, hz, grams, kelvin, metres):
+        """Returns the optical depth of segments."""
+        return float(self.absorption(hz, grams, kelvin) @ metres)
+
+    def contrast(self, hz, grams, kelvin, metres):
         """Returns the radiance above the mean air's, behind which the wall stands."""
-        absorption = oracle.absorption_per_m(hz, kelvin, PRESSURE, grams)
+        absorption = self.absorption(hz, grams, kelvin)
         source = [oracle.planck(hz, k) for k in kelvin]
         wall = 0.7 * oracle.planck(hz, 320.0) + 0.3 * oracle.planck(hz, AIR_K)
+        if "sky" in self.data:
+            wall += 0.3 * of_sky(hz, self.model)
         return oracle.transfer(absorption, metres, source, wall) - oracle.planck(hz, AIR_K)
 
 
-def due(data, active, folder):
+def due(data, active, folder, model="mpm93"):
     """Returns the oracle's signal, (y, x): of a band the mean weighted by one mode's throughput."""
     seeds = [data["atmosphere"]["fluctuations"]["seed"]]
     if data["numerics"].get("realizations", 1) == 2:
@@ -204,19 +246,22 @@ def due(data, active, folder):
         alone["numerics"].pop("realizations", None)
         alone["atmosphere"]["fluctuations"]["seed"] = seed
         result = run(folder, alone, figure=False)
-        made_by = Oracle(data, active, result.cubes[0], result.grid_rotations[0])
+        made_by = Oracle(data, active, result.cubes[0], result.grid_rotations[0], model)
         images.append(
             np.array([[made_by.pixel(row, column) for column in range(4)] for row in range(3)])
         )
     signal = np.mean(images, axis=0)
     if signal.shape[2] == 1:
         return signal[..., 0]
-    weights = np.array(NODES) ** -2.0
+    weights = nodes_of(data["sensor"].get("detector", data["sensor"])) ** -2.0
     return signal @ (weights / weights.sum())
 
 
 def seen(result):
-    sight = result.variants[0].sight
+    return signal(result.variants[0].sight)
+
+
+def signal(sight):
     return np.asarray(sight.contrast[0] if hasattr(sight, "contrast") else sight.returned[0], float)
 
 
@@ -240,6 +285,12 @@ def test_a_pair_of_features_is_the_oracles(tmp_path, pair):
     if "thinning" in pair and not {"scan", "temperature"} & set(pair):
         bound = max(bound, 0.05 * spread)
     assert np.abs(found - right).max() < bound
+    if "sky" in pair and not active:
+        assert 5 * bound < 0.3 * abs(of_sky(410e9, "mpm93"))  # what the wall reflects
+    if "compare" in pair:
+        other = due(data, active, tmp_path, OTHER)
+        compared = signal(result.variants[0].compared[0].sight)
+        assert np.abs(compared - other).max() < bound < 0.1 * np.abs(other - right).max()
     if "scan" in pair:
         assert (
             np.abs(found - snapshot(tmp_path, data)).max() > 5 * bound

@@ -127,7 +127,7 @@ def test_weights_of_a_face_are_those_of_its_cosine(upward):
     assert weight[0] @ law(sine) == pytest.approx(expected, abs=2e-3)
 
 
-def dense(ghz, kelvin, hpa, vapour):
+def dense(ghz, kelvin, hpa, vapour, model):
     """dB/km of arrays of air at more than 0.7 hPa."""
 
     class Pressure(np.ndarray):
@@ -136,7 +136,7 @@ def dense(ghz, kelvin, hpa, vapour):
         def __lt__(self, other):
             return bool(np.asarray(self).min() < other)
 
-    return sum(oracle.attenuation_db_km(ghz, kelvin, hpa.view(Pressure), vapour))
+    return sum(oracle.GASES[model](ghz, kelvin, hpa.view(Pressure), vapour))
 
 
 @cache
@@ -146,7 +146,7 @@ def slow_rows():
     return [row for row in rows if row["profile"] == "us-standard"]
 
 
-def slow_sky(hz, degrees, height_m, air_k, grams, scene_m, even_m, step_m=2.0):
+def slow_sky(hz, degrees, height_m, air_k, grams, scene_m, even_m, step_m=2.0, model="mpm93"):
     """Radiance of the sky in small steps along a straight ray over a round Earth.
 
     The scene's air, even up to a height, is blended into the US standard atmosphere.
@@ -176,7 +176,7 @@ def slow_sky(hz, degrees, height_m, air_k, grams, scene_m, even_m, step_m=2.0):
     vapour = np.where(even, own_e, vapour)
     low = hpa > 1.0  # the twin takes numbers where lines are Doppler-broadened
     kelvin, hpa, vapour, length = kelvin[low], hpa[low], vapour[low], length[low]
-    db_km = np.asarray(dense(hz / 1e9, kelvin, hpa, vapour))
+    db_km = np.asarray(dense(hz / 1e9, kelvin, hpa, vapour, model))
     tau = db_km / 4342.9448 * length
     before = np.concatenate([[0.0], np.cumsum(tau)])
     source = 2 * oracle.H * hz**3 / oracle.C**2 / np.expm1(oracle.H * hz / oracle.K / kelvin)
