@@ -71,7 +71,8 @@ def test_run_writes_what_it_says(thzcl_json, tmp_path):
     }
     assert {item["stage"] for item in found["left_out"]} < set(STAGES)
     assert set(found["variants"][0]["targets"]["box"]) == {
-        "pixels", "mean_contrast_k", "std_k", "optical_depth", "transmission", "snr", "netd_k",
+        "pixels", "mean_contrast_k", "std_k", "optical_depth", "transmission",
+        "snr", "netd_k", "cnr", "contrast_db",
     }  # fmt: skip
     assert all(set(part) >= {"rms", "max", "unit"} for part in found["error_budget"].values())
 

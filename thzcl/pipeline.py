@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from itertools import islice
 from typing import TYPE_CHECKING, Any
 
+from thzcl import metrics
 from thzcl.air.expansion import Expansion
 from thzcl.clock import Clock, Progress
 from thzcl.error.budget import Part, worst
@@ -104,7 +105,7 @@ def compute_images(plan: Plan, device: Device, clock: Clock, *, figure: bool = F
     first = [_Made.of(v, values) for v, values in _by_variant(plan, next(batches))]
     result = _result(plan, device, first, clock, figure)
     pairs = zip(plan.variants, first, strict=True)
-    images = [_shown(v.name, made.recorded, made.compared, result) for v, made in pairs]
+    images = [_shown(v, made.recorded, made.compared, result) for v, made in pairs]
     _refuse_unlike(images, result)
     if plan.realizations > 1:
         images = _mean(plan, images, batches, clock, result)
@@ -155,7 +156,7 @@ def _by_variant(
 
 
 def _shown(
-    name: str, recorded: Recorded, compared: Iterable[Compared], so_far: Result
+    planned: PlannedVariant, recorded: Recorded, compared: Iterable[Compared], so_far: Result
 ) -> VariantResult:
     """Returns an image and what reached its pixels. Raises NumbersError if one of them fails."""
     if recorded.image is None:
@@ -163,8 +164,11 @@ def _shown(
     compared = tuple(compared)
     for one in compared:
         if one.failure:
-            raise NumbersError(f"{name}: {one.failure}", so_far)
-    return VariantResult(name, recorded.sight, recorded.image, _models(compared))
+            raise NumbersError(f"{planned.name}: {one.failure}", so_far)
+    sight = recorded.sight
+    middle = float(sight.frequency_hz.mean())
+    cell = metrics.resolution_cell(planned.needs.optics, middle, planned.image.pixel_rad)
+    return VariantResult(planned.name, sight, recorded.image, _models(compared), cell)
 
 
 def _models(compared: Iterable[Compared]) -> tuple[ModelResult, ...]:
@@ -202,7 +206,7 @@ def _mean(
         if number > 0:
             values = iter(next(batches))
             images = [
-                _shown(v.name, next(values), islice(values, len(v.compared)), so_far)
+                _shown(v, next(values), islice(values, len(v.compared)), so_far)
                 for v in plan.variants
             ]
         for ensemble, image in zip(ensembles, images, strict=True):

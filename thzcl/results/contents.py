@@ -30,13 +30,15 @@ class ModelResult:
 class VariantResult:
     """One image, and what reached its pixels; `image` is None if the sensor failed.
 
-    `compared` holds what would have reached them by the models to compare with.
+    `compared` holds what would have reached them by the models to compare with. `cell` is the size
+    of a resolution cell in pixels (rows, columns).
     """
 
     name: str
     sight: Radiances | Echoes
     image: Image | None
     compared: tuple[ModelResult, ...] = ()
+    cell: tuple[int, int] = (1, 1)
 
     def by_model(self, main: str) -> tuple[ModelResult, ...]:
         """Returns what reached the pixels by each model, that of the image first."""

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from thzcl import metrics
 from thzcl.results.contents import Array, Contents, ModelResult, VariantResult
 from thzcl.sensor import Image, Radiances
 
@@ -84,6 +85,14 @@ def _signal_to_noise(
     return {"snr": abs(contrast_k) / kelvin, "netd_k": kelvin / max(passed, 1e-300)}
 
 
+def _visibility(variant: VariantResult | ModelResult, flag: int) -> Mapping[str, float | None]:
+    """Returns `cnr` and `contrast_db` of a target: None of a model to compare with."""
+    image = _image(variant)
+    if image is None or not isinstance(variant, VariantResult):
+        return {"cnr": None, "contrast_db": None}
+    return metrics.of_target(image, variant.sight, flag, variant.cell)
+
+
 def target_table(
     variant: VariantResult | ModelResult, names: tuple[str, ...]
 ) -> dict[str, dict[str, float | None]]:
@@ -93,6 +102,8 @@ def target_table(
     depth and of the transmission. With an active sensor there is no contrast, and depth and
     transmission are those of the way out and back. A target that no pixel shows is left out. Where
     the sensor has noise, `snr` and `netd_k` tell what it means for the target, else they are None.
+    `cnr` is the target's contrast to its surroundings in the image over what varies there, for one
+    resolution cell; `contrast_db` that of an active sensor's mean power.
     """
     sight = variant.sight
     flags = sight.target.ravel().astype(np.intp)
@@ -122,6 +133,7 @@ def target_table(
                 None if contrast is None else float(contrast[flag]),
                 float(passed[flag]),
             ),
+            **_visibility(variant, flag),
         }
         for flag, name in enumerate(names)
         if pixels[flag]
