@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from decimal import Decimal, getcontext
 
+import numpy as np
 import oracle
 import pytest
 
@@ -74,3 +75,10 @@ def test_contrast_inverts_the_difference(kelvin):
 def test_no_radiance_is_zero_kelvin_below_the_reference():
     dark = -radiometry.planck(650e9, 275.0)
     assert radiometry.brightness_temperature_contrast(650e9, dark, 275.0) == -275.0
+
+
+def test_zero_kelvin_has_no_sign():
+    hz = np.array([650e9])
+    assert radiometry.planck(hz, -0.0) == 0.0
+    due = radiometry.planck_difference(hz, 0.0, 290.0)
+    assert radiometry.planck_difference(hz, -0.0, 290.0) == due == -radiometry.planck(hz, 290.0)

@@ -65,7 +65,7 @@ frequency_ghz = 2e5
     assert numbers == sorted(numbers)
     found = "\n".join(lines)
     for expected in (
-        "bad.toml:4: [camera] focal_length_mm: must be above 0 mm, not -1",
+        "bad.toml:4: [camera] focal_length_mm: must be at least 1e-06 mm, not -1",
         "bad.toml:6: [camera] pixels.0: must be at least 1, not 0",
         "bad.toml:9: [atmosphere] temprature_k: unknown key (did you mean temperature_k?)",
         "bad.toml:8: [atmosphere] temperature_k: missing: mean air temperature",

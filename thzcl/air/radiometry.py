@@ -46,7 +46,7 @@ def planck_slope(frequency_hz: Any, temperature_k: Any) -> Array:
 
 def planck_difference(frequency_hz: Any, temperature_k: Any, reference_k: Any) -> Array:
     """Returns planck(T) - planck(T_reference), accurate however close the temperatures are."""
-    t, r = np.asarray(temperature_k, dtype=np.float64), np.asarray(reference_k, dtype=np.float64)
+    t, r = (np.asarray(one, dtype=np.float64) + 0.0 for one in (temperature_k, reference_k))
     hot, cold = np.maximum(t, r), np.minimum(t, r)
     # n_hot - n_cold = n_hot (1 + n_cold) (1 - exp(x_hot - x_cold)): no term grows without bound.
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
@@ -93,10 +93,6 @@ def brightness_temperature_contrast(
 
 def _occupation(frequency_hz: Any, temperature_k: Any) -> Array:
     """Returns the photons in each mode, 1 / (exp(h nu / (k T)) - 1)."""
+    kelvin = np.asarray(temperature_k, dtype=np.float64) + 0.0  # +0 of -0
     with np.errstate(divide="ignore", over="ignore"):
-        return np.asarray(
-            1
-            / np.expm1(
-                photon_temperature(frequency_hz) / np.asarray(temperature_k, dtype=np.float64)
-            )
-        )
+        return np.asarray(1 / np.expm1(photon_temperature(frequency_hz) / kelvin))

@@ -12,7 +12,15 @@ from pydantic import BeforeValidator, Field
 
 from thzcl.scenario.atmosphere import Atmosphere
 from thzcl.scenario.problems import Trouble
-from thzcl.scenario.table import Fraction, Kelvin, Positive, Table, Vector, key
+from thzcl.scenario.table import (
+    Fraction,
+    Kelvin,
+    LensMillimetres,
+    Positive,
+    Table,
+    Vector,
+    key,
+)
 
 PixelCount = Annotated[int, Field(ge=1, le=16384)]
 Face = Literal["-x", "+x", "-y", "+y", "-z", "+z"]
@@ -27,8 +35,8 @@ class Camera(Table):
         (0.0, 0.0, 1.0),
         help="direction that is up in the image; +y stands in where it is the line of sight",
     )
-    focal_length_mm: Positive = key(help="focal length", unit="mm")
-    focal_plane_mm: tuple[Positive, Positive] = key(
+    focal_length_mm: LensMillimetres = key(help="focal length", unit="mm")
+    focal_plane_mm: tuple[LensMillimetres, LensMillimetres] = key(
         help="size of the focal plane [width, height]", unit="mm"
     )
     pixels: tuple[PixelCount, PixelCount] = key(help="number of pixels [width, height]")
