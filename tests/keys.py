@@ -2,7 +2,8 @@
 
     python tests/keys.py
 
-Everything on the page comes from the models that read a scenario and from the sensors' parameters.
+Everything on the page comes from the models that read a scenario, and from the parameters of
+sensors and constituents.
 """
 
 from __future__ import annotations
@@ -15,6 +16,8 @@ from typing import get_args
 
 sys.path.insert(0, str(Path(__file__).parents[1]))  # this checkout, not an installed thzcl
 
+from thzcl.air.composition import HOOK as CONSTITUENTS
+from thzcl.air.composition import constituent_class
 from thzcl.scenario.document import VariantTable
 from thzcl.scenario.problems import shown
 from thzcl.scenario.scene import Scene, SensorChoice
@@ -60,6 +63,8 @@ def sections() -> Iterator[Section]:
         else:
             for table in tables_in(field.annotation):
                 yield from _nested(name, f"[{name}]", table)
+            if name == "atmosphere":
+                yield from _constituents()
     yield from _nested("variants", "[[variants]]", VariantTable)
 
 
@@ -78,6 +83,16 @@ def _sensors() -> Iterator[Section]:
         for name, field in sensor.Params.model_fields.items():
             for table in tables_in(field.annotation):
                 yield from _nested(f"sensor.{name}", f"[sensor.{name}]", table)
+
+
+def _constituents() -> Iterator[Section]:
+    """The table of each constituent that joins any gas."""
+    for name in CONSTITUENTS.built_ins:
+        kind = constituent_class(name)
+        if not kind.gas:
+            first = inspect.cleandoc(kind.__doc__ or "").split("\n\n")[0]
+            text = f"{first} `thzcl constituents {name}` shows its manual page."
+            yield f"[atmosphere.{name}]", text, kind.Params
 
 
 def _nested(path: str, heading: str, table: type[Table]) -> Iterator[Section]:

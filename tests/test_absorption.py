@@ -224,7 +224,7 @@ def test_the_picture_runs_along_what_has_more_values(tmp_path, monkeypatch):
         (np.array([350.0, 650.0]), values("253:313:10")),
     ):
         spectrum_figure.draw(
-            spectrum.records(ghz, kelvin, 1013.25, part("mpm93"), MOIST, 50.0),
+            spectrum.records(spectrum.states(ghz, kelvin, 1013.25, MOIST, 50.0), part("mpm93")),
             tmp_path,
         )
     frequency, temperature = drawn

@@ -33,7 +33,7 @@ LOOSE |= {"sensor", "constituent"}  # the two public contracts
 # What a loose module may know of the house; the others know no room.
 KNOWN = {
     "sensor": {"air", "scenario", "sensing"},  # its contract offers tables, Planck and bands
-    "constituent": {"scenario"},  # its contract offers tables
+    "constituent": {"air", "scenario"},  # its contract offers tables, and spheres by Mie
     "metrics": {"air", "sensing"},
     "pipeline": set(ROOMS) - {"records", "commands"},
     "__init__": {"device", "results", "scenario"},

@@ -429,7 +429,7 @@ def test_spectra_and_manual_pages_by_command(thzcl_command, thzcl_json):
 
 
 def test_notes_of_spectra_name_frequency_and_pressure():
-    state = np.array([650.0, 790.0]), np.array([290.0]), 2.0
-    found = spectrum.notes(*state, part("r24"))
+    of = spectrum.states([650.0, 790.0], [290.0], 2.0, "vapour_pressure_hpa", 0.0)
+    found = spectrum.notes(of, [part("r24")])
     assert [note.split(":")[0] for note in found] == ["790 GHz", "2 hPa"]
-    assert not spectrum.notes(*state, part("p676-13"))
+    assert not spectrum.notes(of, [part("p676-13")])

@@ -88,7 +88,8 @@ def test_a_picture_of_several_models_has_their_ratio(tmp_path, monkeypatch):
     monkeypatch.setattr(Figure, "savefig", lambda figure, *_, **__: drawn.append(figure))
     gases = [composition.part(name) for name in ("mpm93", "r24")]
     ghz, moist = np.array([600.0, 700.0, 900.0]), ("vapour_pressure_hpa", 10.0)
-    rows, _ = spectrum.by_model(ghz, np.array([290.0]), 1013.25, gases, *moist)
+    states = spectrum.states(ghz, np.array([290.0]), 1013.25, *moist)
+    rows, _ = spectrum.by_model(states, gases)
     spectrum_figure.draw(rows, tmp_path / "a.png")
     above, below = drawn[0].axes
     assert [line.get_label() for line in above.get_lines()] == ["mpm93", "r24"]

@@ -25,15 +25,15 @@ parameters `Params`, a manual page as docstring, and `optics()`:
 A scene puts it into its air with a table [atmosphere.dust], whatever gas `model` chooses. A
 constituent marked `gas = True` is one that `model` chooses. It never sees OpenCL, files or the
 scene: it is a pure function of frequency and state, in float64. What gases that are sums over
-spectral lines have in common stands at the end. `thzcl new-constituent NAME` writes a package
-around such a class that can be installed as it is.
+spectral lines have in common stands at the end, and so does what falls as spheres. `thzcl
+new-constituent NAME` writes a package around such a class that can be installed as it is.
 """
 
 from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
@@ -45,6 +45,12 @@ from numpy.typing import ArrayLike, NDArray
 from pydantic import Field, GetCoreSchemaHandler
 from pydantic_core import CoreSchema, core_schema
 
+from thzcl.air import particles
+from thzcl.air.humidity import relative_humidity, wet_bulb_temperature
+from thzcl.air.particles import Permittivity, Sizes, spread_sizes
+from thzcl.air.permittivity import snow as snow_permittivity
+from thzcl.air.permittivity import water as water_permittivity
+from thzcl.errors import FileError
 from thzcl.scenario.table import Table as Parameters
 from thzcl.scenario.table import key as parameter
 
@@ -54,9 +60,12 @@ __all__ = [
     "Attenuation",
     "Constituent",
     "File",
+    "FileError",
     "Grid",
     "OpticalProperties",
     "Parameters",
+    "Permittivity",
+    "Sizes",
     "Span",
     "file_parameter",
     "hookimpl",
@@ -64,6 +73,12 @@ __all__ = [
     "line_table",
     "moist_air",
     "parameter",
+    "relative_humidity",
+    "snow_permittivity",
+    "sphere_optics",
+    "spread_sizes",
+    "water_permittivity",
+    "wet_bulb_temperature",
 ]
 
 CONTRACT = 1
@@ -71,7 +86,7 @@ DB_KM_PER_INVERSE_METRE = 1e4 / np.log(10.0)  # 4342.9448
 Array = NDArray[np.float64]
 hookimpl = pluggy.HookimplMarker("thzcl")
 
-# Keys of [atmosphere], and constituents that thzcl is going to bring along.
+# Keys of [atmosphere], and the constituents of weather that thzcl brings along.
 RESERVED_NAMES = frozenset(
     {
         *("temperature_k", "pressure_hpa", "relative_humidity_percent", "absolute_humidity_g_m3"),
@@ -89,8 +104,8 @@ class OpticalProperties:
     axis. `temperature_k` is that of the constituent, where it is not the air's. `parts` splits the
     absorption up by name, as into that of dry air and of vapour.
 
-    Only `absorption` is computed with as yet: a constituent that scatters, or has a temperature of
-    its own, is refused.
+    Images are computed with `absorption` alone as yet: a constituent that scatters, or has a
+    temperature of its own, is refused there; spectra have it all.
     """
 
     absorption: ArrayLike
@@ -209,6 +224,18 @@ class Constituent(ABC):
         del temperature_k, pressure_hpa, vapour_hpa
         return (), np.inf
 
+    def notes(self, temperature_k: Array, pressure_hpa: Array, vapour_hpa: Array) -> Sequence[str]:
+        """Returns what to tell of it in air of some states, which broadcast; each in a sentence."""
+        del temperature_k, pressure_hpa, vapour_hpa
+        return ()
+
+    def alternatives(self) -> Sequence[Parameters]:
+        """Returns other parameters that might describe the same, as other laws of drop sizes do.
+
+        Spectra show how far apart they are.
+        """
+        return ()
+
 
 # --- gases that are sums over spectral lines -----------------------------------------------------
 
@@ -287,3 +314,26 @@ def line_blocks(table: Array, shape: tuple[int, ...]) -> Iterator[Array]:
     count = min(len(table), 1 + math.prod(shape) * len(table) // 50_000)
     for block in np.array_split(table, count):
         yield block.T.reshape(block.shape[1], -1, *(1,) * len(shape))
+
+
+# --- what falls as spheres -----------------------------------------------------------------------
+
+
+def sphere_optics(
+    frequency_hz: Array, temperature_k: Array, permittivity: Permittivity, sizes: Sizes
+) -> OpticalProperties:
+    """Returns the optics of spheres of one substance by Mie's theory, at a temperature of theirs.
+
+    `permittivity` is a function of frequency in Hz and temperature in K. Without any spheres the
+    optics are those of nothing, and nothing is computed.
+    """
+    if not np.any(sizes.per_m3):
+        return OpticalProperties(absorption=0.0)
+    found = particles.spheres(frequency_hz, temperature_k, permittivity, sizes)
+    return OpticalProperties(
+        np.maximum(found.extinction - found.scattering, 0.0),
+        scattering=found.scattering,
+        legendre=found.legendre,
+        backscatter=found.backscatter,
+        temperature_k=temperature_k,
+    )

@@ -4,18 +4,19 @@ from __future__ import annotations
 
 import math
 import sys
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from thzcl.air.validity import ROUNDING, UNITS
-from thzcl.constituent import Constituent, OpticalProperties, Span
+from thzcl.constituent import Constituent, OpticalProperties, Parameters, Span
 from thzcl.plugins.guard import Breach
 
 Array = NDArray[np.float64]
 SAME_SUM = 1e-9  # relative: parts that sum up to the absorption
+LEAST_ORDERS = 49  # moments of a phase function
 _ZERO = np.zeros(())
 
 
@@ -60,7 +61,7 @@ def _claims(varies: Any, valid: Any) -> tuple[bool, tuple[Span, ...]]:
 def checked(answer: Any, shape: tuple[int, ...]) -> OpticalProperties:
     """Returns an answer of optics() as float64 arrays of the state's shape. Raises Breach.
 
-    Its parts, which few ask for, are left as they are: see `parts`.
+    Its parts and moments, which few ask for, are left as they are: see `parts` and `moments`.
     """
     if not isinstance(answer, OpticalProperties):
         raise Breach(f"optics() returned {type(answer).__name__} instead of OpticalProperties")
@@ -69,6 +70,7 @@ def checked(answer: Any, shape: tuple[int, ...]) -> OpticalProperties:
     return OpticalProperties(
         absorption,
         scattering=_positive(answer.scattering, "scattering", shape, "1/m"),
+        legendre=answer.legendre,
         backscatter=_positive(answer.backscatter, "backscatter", shape, "1/m/sr"),
         temperature_k=None if own is None else _shaped(own, "temperature_k", shape),
         parts=answer.parts,
@@ -99,6 +101,45 @@ def parts(found: OpticalProperties) -> dict[str, Array]:
     if not (np.abs(apart) <= SAME_SUM * absorption).all():
         raise Breach("optics() returned parts that do not sum up to the absorption")
     return known
+
+
+def moments(found: OpticalProperties) -> Array:
+    """Returns the moments of the phase function of checked optics, (order, *shape). Raises Breach.
+
+    Where nothing is scattered they may be anything.
+    """
+    if found.legendre is None:
+        raise Breach("optics() returned scattering without moments of its phase function")
+    values = _numbers(found.legendre, "legendre")
+    if values.ndim == 0 or len(values) < LEAST_ORDERS:
+        orders = 0 if values.ndim == 0 else len(values)
+        raise Breach(f"optics() returned {orders} moments; the least is {LEAST_ORDERS}")
+    scattering = np.asarray(found.scattering)
+    shape = np.broadcast_shapes(scattering.shape, np.shape(found.absorption))
+    # The first axis is the order's, however few others there are.
+    few = max(0, 1 + len(shape) - values.ndim)
+    values = values.reshape(len(values), *(1,) * few, *values.shape[1:])
+    values = _shaped(values, "legendre", (len(values), *shape))
+    scatters = np.broadcast_to(scattering > 0, shape)
+    if not (np.abs(values[0][scatters] - 1) <= SAME_SUM).all():
+        raise Breach("optics() returned moments the first of which is not 1")
+    if not (np.abs(values[:, scatters]) <= 1 + SAME_SUM).all():
+        raise Breach("optics() returned moments that are not between -1 and 1")
+    return values
+
+
+def sentences(answer: Any) -> list[str]:
+    """Returns an answer of notes(). Raises Breach."""
+    if not isinstance(answer, Sequence) or not all(isinstance(text, str) for text in answer):
+        raise Breach(f"notes() returned {answer!r}, not a list of sentences")
+    return list(answer)
+
+
+def others(answer: Any, kind: type[Parameters]) -> list[Parameters]:
+    """Returns an answer of alternatives(), parameters of a kind. Raises Breach."""
+    if not isinstance(answer, Sequence) or not all(isinstance(one, kind) for one in answer):
+        raise Breach("alternatives() did not return a list of its Params")
+    return list(answer)
 
 
 def _positive(given: Any, what: str, shape: tuple[int, ...], unit: str) -> Array:

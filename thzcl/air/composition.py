@@ -25,7 +25,7 @@ from thzcl.constituent import (
     Parameters,
     Span,
 )
-from thzcl.errors import PluginError, RangeError
+from thzcl.errors import FileError, PluginError, RangeError
 from thzcl.plugins import guard, loader
 from thzcl.plugins.loader import Hook
 
@@ -150,16 +150,31 @@ def made(one: Part) -> _Made:
         limited = frozenset(span.quantity for span in valid)
         return _Made(constituent, owner, varies, valid, limited)
 
-    return guard.call(owner, working)
+    return guard.call(owner, working, let=(FileError,))
 
 
 def optical_properties(
     one: Part, frequency_hz: Any, temperature_k: Any, pressure_hpa: Any, vapour_hpa: Any
 ) -> OpticalProperties:
+    """Returns the optics of a constituent of which images follow all.
+
+    Raises PluginError for optics that they do not follow, and what `all_optics` raises.
+    """
+    found = all_optics(one, frequency_hz, temperature_k, pressure_hpa, vapour_hpa)
+    beyond = answers.unfollowed(found, np.asarray(temperature_k, dtype=np.float64))
+    if beyond is not None:
+        raise PluginError(f"{made(one).owner}: {beyond}; {_instead(one)}")
+    return found
+
+
+def all_optics(
+    one: Part, frequency_hz: Any, temperature_k: Any, pressure_hpa: Any, vapour_hpa: Any
+) -> OpticalProperties:
     """Returns the optics of a constituent as float64 arrays of the arguments' common shape.
 
-    Raises RangeError where it is not valid, PluginFailure for whatever it raises and for an answer
-    that breaks its contract, and PluginError for optics that are not followed.
+    Parts and moments are checked where they are asked for. Raises RangeError where the constituent
+    is not valid, and PluginFailure for whatever it raises and for an answer that breaks its
+    contract.
     """
     at_work = made(one)
     state = [_read_only(x) for x in (frequency_hz, temperature_k, pressure_hpa, vapour_hpa)]
@@ -173,11 +188,7 @@ def optical_properties(
     def answered() -> OpticalProperties:
         return answers.checked(at_work.constituent.optics(*state), shape)
 
-    found = guard.call(at_work.owner, answered)
-    beyond = answers.unfollowed(found, kelvin)
-    if beyond is not None:
-        raise PluginError(f"{at_work.owner}: {beyond}; {_instead(one)}")
-    return found
+    return guard.call(at_work.owner, answered)
 
 
 @lru_cache(maxsize=64)
@@ -195,6 +206,37 @@ def layer_top_m(one: Part) -> float:
 def parts(one: Part, found: OpticalProperties) -> dict[str, Array]:
     """Returns the parts of what a constituent absorbs, by name. Raises PluginFailure."""
     return guard.call(made(one).owner, answers.parts, found)
+
+
+def moments(one: Part, found: OpticalProperties) -> Array:
+    """Returns the moments of a constituent's phase function, (order, *shape).
+
+    Raises PluginFailure.
+    """
+    return guard.call(made(one).owner, answers.moments, found)
+
+
+def notes(one: Part, temperature_k: Any, pressure_hpa: Any, vapour_hpa: Any) -> list[str]:
+    """Returns what a constituent has to tell of air of some states. Raises PluginFailure."""
+    at_work = made(one)
+    state = [_read_only(x) for x in (temperature_k, pressure_hpa, vapour_hpa)]
+
+    def told() -> list[str]:
+        return [
+            f"{one.name}: {text}" for text in answers.sentences(at_work.constituent.notes(*state))
+        ]
+
+    return guard.call(at_work.owner, told)
+
+
+def alternatives(one: Part) -> list[Part]:
+    """Returns constituents that might be meant as well, by their author. Raises PluginFailure."""
+    at_work, kind = made(one), type(one.params)
+
+    def offered() -> list[Parameters]:
+        return answers.others(at_work.constituent.alternatives(), kind)
+
+    return [Part(one.name, params) for params in guard.call(at_work.owner, offered)]
 
 
 @lru_cache(maxsize=64)  # variants often have their air in common

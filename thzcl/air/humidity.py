@@ -13,6 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 GAS_CONSTANT_OF_VAPOUR = 461.525  # J kg-1 K-1
+FREEZING_K = 273.15
+HALVINGS = 48  # of an interval of 150 K, to 1e-12 K
 
 Array = NDArray[np.float64]
 
@@ -51,3 +53,23 @@ def relative_humidity(vapour_pressure_hpa: Any, temperature_k: Any) -> Array:
     return np.asarray(
         100.0 * np.asarray(vapour_pressure_hpa) / saturation_vapour_pressure(temperature_k)
     )
+
+
+def wet_bulb_temperature(temperature_k: Any, pressure_hpa: Any, vapour_pressure_hpa: Any) -> Array:
+    """Returns the temperature in K to which what is wet cools in moving air, at most the air's.
+
+    It solves e = e_s(T_w) - 6.62e-4 p (T - T_w) (1 + 9.44e-4 t_w), t_w being in degC, the equation
+    of Assmann's psychrometer with e_s over water (WMO-No. 8, annex 4.B, which has 6.53e-4).
+    """
+    air_k, p, e = (
+        np.asarray(given, dtype=np.float64)
+        for given in (temperature_k, pressure_hpa, vapour_pressure_hpa)
+    )
+    high = np.broadcast_to(air_k, np.broadcast_shapes(air_k.shape, p.shape, e.shape))
+    low = np.maximum(high - 150.0, high / 2)
+    for _ in range(HALVINGS):
+        wet_k = (low + high) / 2
+        cooled = 6.62e-4 * p * (air_k - wet_k) * (1 + 9.44e-4 * (wet_k - FREEZING_K))
+        dry = saturation_vapour_pressure(wet_k) - cooled < e
+        low, high = np.where(dry, wet_k, low), np.where(dry, high, wet_k)
+    return np.asarray(high)

@@ -127,12 +127,14 @@ class Air:
         return next(filter(None, found), None)
 
     def notes(self, frequency_hz: Array, humidity_span: Span, temperature_span: Span) -> list[str]:
-        """Returns what to tell of constituents that extrapolate."""
-        return [
+        """Returns what to tell of constituents that extrapolate, or hardly occur in such air."""
+        beyond = [
             note
             for part, asked in self._asked(frequency_hz, humidity_span, temperature_span)
             for note in validity.notes(part.name, composition.made(part).valid, asked)
         ]
+        mean = self.temperature_k, self.pressure_hpa, self.vapour_pressure_hpa
+        return beyond + [note for part in self.parts for note in composition.notes(part, *mean)]
 
     def _asked(
         self, frequency_hz: Array | None, humidity_span: Span, temperature_span: Span

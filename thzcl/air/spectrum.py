@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -10,10 +11,10 @@ from numpy.typing import NDArray
 
 from thzcl.air import composition, humidity, validity
 from thzcl.air.composition import Part
-from thzcl.constituent import DB_KM_PER_INVERSE_METRE
+from thzcl.constituent import DB_KM_PER_INVERSE_METRE, OpticalProperties
 
 Array = NDArray[np.float64]
-Record = dict[str, Any]  # a number, or None, by the names of COLUMNS
+Record = dict[str, Any]  # a number, or None, by the names of COLUMNS and of what else there is
 
 MOST_VALUES = 1_000_000
 COLUMNS = (
@@ -55,20 +56,61 @@ def values(text: str) -> Array:
     return numbers
 
 
-def records(
-    frequency_ghz: Array,
-    temperature_k: Array,
-    pressure_hpa: float,
-    gas: Part,
-    given: str,
-    amount: float,
-) -> list[Record]:
-    """Returns one record for each temperature and frequency, in the units that its keys name.
+@dataclass(frozen=True)
+class States:
+    """States of the air at each of which absorption is wanted at each frequency, flat.
+
+    `frequency_ghz`, `temperature_k` and `vapour_hpa` have one value for each row of a spectrum.
+    """
+
+    frequency_ghz: Array
+    temperature_k: Array
+    pressure_hpa: float
+    vapour_hpa: Array
+
+    def optics(self, part: Part) -> OpticalProperties:
+        """Returns all optics of a constituent, (row,)."""
+        air = self.temperature_k, self.pressure_hpa, self.vapour_hpa
+        return composition.all_optics(part, self.frequency_ghz * 1e9, *air)
+
+    def where(self, rows: NDArray[np.bool_]) -> States:
+        """Returns some of the rows."""
+        flat = (self.frequency_ghz[rows], self.temperature_k[rows], self.vapour_hpa[rows])
+        frequency, temperature, vapour = flat
+        return replace(self, frequency_ghz=frequency, temperature_k=temperature, vapour_hpa=vapour)
+
+    def at(self, frequency_ghz: float) -> States:
+        """Returns the rows of one frequency."""
+        return self.where(self.frequency_ghz == frequency_ghz)
+
+    def lacking(self, gas: Part) -> str | None:
+        """Returns in words what a gas is not valid for, or None if it is for all rows."""
+        return composition.lacking(gas, self._asked(gas))
+
+    def notes(self, part: Part) -> list[str]:
+        """Returns what to tell of a constituent that extrapolates, or hardly occurs in such air."""
+        told = validity.notes(part.name, composition.made(part).valid, self._asked(part))
+        air = self.temperature_k, self.pressure_hpa, self.vapour_hpa
+        return told + composition.notes(part, *air)
+
+    def _asked(self, part: Part) -> Any:
+        """Returns over what ranges a constituent is asked."""
+        return validity.ranges(
+            composition.made(part).limited,
+            frequency_ghz=self.frequency_ghz,
+            temperature_k=self.temperature_k,
+            pressure_hpa=self.pressure_hpa,
+            vapour_hpa=self.vapour_hpa,
+        )
+
+
+def states(
+    frequency_ghz: Array, temperature_k: Array, pressure_hpa: float, given: str, amount: float
+) -> States:
+    """Returns each frequency at each temperature, of air of one humidity.
 
     `given` is the name of the quantity that `amount` measures: "relative_humidity_percent",
-    "absolute_humidity_g_m3" or "vapour_pressure_hpa". The attenuation of dry air and of vapour are
-    None for a model that does not tell them apart. Raises ValueError for air that cannot be, and
-    RangeError where the model is not valid.
+    "absolute_humidity_g_m3" or "vapour_pressure_hpa". Raises ValueError for air that cannot be.
     """
     kelvin, ghz = (
         grid.ravel() for grid in np.meshgrid(temperature_k, frequency_ghz, indexing="ij")
@@ -83,67 +125,103 @@ def records(
         vapour = np.full(kelvin.shape, amount)
     if not ((vapour >= 0) & (vapour <= pressure_hpa)).all():
         raise ValueError("vapour pressure must lie between 0 and the total pressure")
-    of_air = composition.optical_properties(gas, ghz * 1e9, kelvin, pressure_hpa, vapour)
-    per_m = np.asarray(of_air.absorption)
+    return States(ghz, kelvin, pressure_hpa, vapour)
+
+
+def records(of: States, gas: Part, weather: Sequence[Part] = ()) -> list[Record]:
+    """Returns one record for each row, in the units that its keys name.
+
+    The attenuation of dry air and of vapour are None for a model that does not tell them apart.
+    What else is in the air has columns of its own, and is part of the total. Raises RangeError
+    where a constituent is not valid.
+    """
+    of_air = of.optics(gas)
     parts = composition.parts(gas, of_air)
+    with_weather = [_weather(of, part) for part in weather]
+    per_m = _extinction(of_air, of) + sum(extinction for extinction, _ in with_weather)
     columns = (
-        ghz,
-        kelvin,
-        np.full(ghz.shape, pressure_hpa),
-        vapour,
-        humidity.relative_humidity(vapour, kelvin),
-        humidity.absolute_humidity(vapour, kelvin),
-        *(parts[name] * DB_KM_PER_INVERSE_METRE if name in parts else None for name in PARTS),
+        of.frequency_ghz,
+        of.temperature_k,
+        np.full(of.frequency_ghz.shape, of.pressure_hpa),
+        of.vapour_hpa,
+        humidity.relative_humidity(of.vapour_hpa, of.temperature_k),
+        humidity.absolute_humidity(of.vapour_hpa, of.temperature_k),
+        *(_db_km(parts[name], per_m) if name in parts else None for name in PARTS),
         per_m * DB_KM_PER_INVERSE_METRE,
         per_m,
     )
-    listed = [[None] * ghz.size if column is None else column.tolist() for column in columns]
-    return [dict(zip(COLUMNS, row, strict=True)) for row in zip(*listed, strict=True)]
+    named = dict(zip(COLUMNS, columns, strict=True))
+    for _, more in with_weather:
+        named |= more
+    size = of.frequency_ghz.size
+    listed = [[None] * size if column is None else column.tolist() for column in named.values()]
+    return [dict(zip(named, row, strict=True)) for row in zip(*listed, strict=True)]
+
+
+def _weather(of: States, part: Part) -> tuple[Array, dict[str, NDArray[Any]]]:
+    """Returns what a constituent extinguishes in 1/m, and the columns that tell of it.
+
+    Albedo and asymmetry are None where it extinguishes or scatters nothing. The least and the most
+    are over what might be meant as well, such as other laws of drop sizes.
+    """
+    found = of.optics(part)
+    scattering, extinction = _scattering(found, of), _extinction(found, of)
+    asymmetry = composition.moments(part, found)[1] if scattering.any() else scattering
+    columns: dict[str, NDArray[Any]] = {
+        "db_km": extinction * DB_KM_PER_INVERSE_METRE,
+        "albedo": _known(scattering, extinction),
+        "asymmetry": _known(asymmetry * scattering, scattering),
+        "backscatter_per_m_sr": np.broadcast_to(found.backscatter, extinction.shape),
+    }
+    others = [_extinction(of.optics(other), of) for other in composition.alternatives(part)]
+    if others:
+        spread = np.array([extinction, *others]) * DB_KM_PER_INVERSE_METRE
+        columns |= {"least_db_km": spread.min(axis=0), "most_db_km": spread.max(axis=0)}
+    return extinction, {f"{part.name}_{name}": values for name, values in columns.items()}
+
+
+def _db_km(per_m: Array, like: Array) -> Array:
+    """Returns a part of the absorption, which may be one number, in dB/km."""
+    return np.broadcast_to(per_m * DB_KM_PER_INVERSE_METRE, like.shape)
+
+
+def _scattering(optics: OpticalProperties, of: States) -> Array:
+    return np.broadcast_to(np.asarray(optics.scattering), of.frequency_ghz.shape)
+
+
+def _extinction(optics: OpticalProperties, of: States) -> Array:
+    return np.asarray(np.asarray(optics.absorption) + _scattering(optics, of))
+
+
+def _known(part: Array, whole: Array) -> NDArray[Any]:
+    """Returns a ratio as objects, None where there is nothing of which it could be one."""
+    ratio = np.divide(part, whole, out=np.zeros_like(whole), where=whole > 0).astype(object)
+    ratio[whole == 0] = None
+    return ratio
 
 
 def by_model(
-    frequency_ghz: Array,
-    temperature_k: Array,
-    pressure_hpa: float,
-    gases: Sequence[Part],
-    given: str,
-    amount: float,
+    of: States, gases: Sequence[Part], weather: Sequence[Part] = ()
 ) -> tuple[list[Record], list[str]]:
     """Returns the records of several gases, each with its name as `model`, and notes.
 
-    The first must be valid everywhere. Others are left out where they are not, with a note. Raises
-    what `records` raises.
+    The first must be valid everywhere. Others are left out where they are not, with a note. What
+    else is in the air is there with each of them. Raises what `records` raises.
     """
-    air = temperature_k, pressure_hpa
     rows: list[Record] = []
     told: list[str] = []
     for number, gas in enumerate(gases):
-        ghz = frequency_ghz
+        held = of
         if number > 0:
-            vapour = np.array([row["vapour_pressure_hpa"] for row in rows])
-            whys = [_lacking(gas, one, *air, vapour) for one in frequency_ghz]
-            ghz = frequency_ghz[[why is None for why in whys]]
+            each = [of.at(hz) for hz in dict.fromkeys(of.frequency_ghz.tolist())]
+            whys = [one.lacking(gas) for one in each]
             told += left_out(f'"{gas.name}" is', [why for why in whys if why], len(whys))
-        if len(ghz):
-            found = records(ghz, *air, gas, given, amount)
-            rows += [{"model": gas.name, **row} for row in found]
-            told += notes(ghz, *air, gas)
-    return rows, told
-
-
-def _lacking(
-    gas: Part, frequency_ghz: float, temperature_k: Array, pressure_hpa: float, vapour_hpa: Array
-) -> str | None:
-    """Returns in words what a gas is not valid for, or None if it is for all."""
-    limited = composition.made(gas).limited
-    asked = validity.ranges(
-        limited,
-        frequency_ghz=frequency_ghz,
-        temperature_k=temperature_k,
-        pressure_hpa=pressure_hpa,
-        vapour_hpa=vapour_hpa,
-    )
-    return composition.lacking(gas, asked)
+            lacked = [one.frequency_ghz[0] for one, why in zip(each, whys, strict=True) if why]
+            held = of.where(~np.isin(of.frequency_ghz, lacked))
+        if held.frequency_ghz.size:
+            rows += [{"model": gas.name, **row} for row in records(held, gas, weather)]
+            told += held.notes(gas)
+    return rows, told + notes(of, weather)
 
 
 def left_out(what: str, whys: Sequence[str], count: int) -> list[str]:
@@ -154,13 +232,6 @@ def left_out(what: str, whys: Sequence[str], count: int) -> list[str]:
     return [f"{what} left out{where}: {whys[0]}"]
 
 
-def notes(frequency_ghz: Array, temperature_k: Array, pressure_hpa: float, gas: Part) -> list[str]:
-    """Returns what to tell of frequencies and states for which a gas extrapolates."""
-    made = composition.made(gas)
-    asked = validity.ranges(
-        made.limited,
-        frequency_ghz=frequency_ghz,
-        temperature_k=temperature_k,
-        pressure_hpa=pressure_hpa,
-    )
-    return validity.notes(gas.name, made.valid, asked)
+def notes(of: States, parts: Iterable[Part]) -> list[str]:
+    """Returns what to tell of constituents that extrapolate, or hardly occur in such air."""
+    return [note for part in parts for note in of.notes(part)]

@@ -13,15 +13,21 @@ from thzcl.air.spectrum import Record
 LABELS = {"frequency_ghz": "frequency / GHz", "temperature_k": "temperature / K"}
 STYLES = ("-", "--", ":", "-.")  # of several models
 MOST_NAMED = 12  # lines in a legend
+DOTS = (
+    (0, (1, 1)),
+    (0, (6, 2, 1, 2)),
+    (0, (6, 2, 1, 2, 1, 2, 1, 2)),
+)  # of what falls, one kind each
 Curve = tuple[str, Any, str, list[Record]]  # label, colour, style, records
 
 
 def draw(rows: list[Record], path: Path) -> None:
     """Writes a PNG of the attenuation, whose abscissa is what has more values of two quantities.
 
-    They are frequency and temperature. Where rows have a `model`, curves are by model and their
-    ratio to the first stands below. Figure 5 of O'Brien and Tofsted shows 100 to 1000 GHz at 288.15
-    K and 50 % relative humidity.
+    They are frequency and temperature. What falls is dotted, each kind in dots of its own, with the
+    range of what might be meant as well. Where rows have a `model`, curves are by model, what falls
+    included, and their ratio to the first stands below. Figure 5 of O'Brien and Tofsted shows 100
+    to 1000 GHz at 288.15 K and 50 % relative humidity.
     """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
@@ -118,9 +124,25 @@ def _moist_and_dry(axes: Any, rows: list[Record]) -> None:
         if None not in dry:
             last = chosen is curves[-1][-1]
             axes.plot(x, dry, "--", label="dry part" if last else None, **look)
+        _weather(axes, chosen, along, colour, named=chosen is curves[-1][-1])
     axes.set(xlabel=LABELS[along], ylabel="specific attenuation / dB/km", yscale="log")
     axes.grid(alpha=0.3, which="both")
     axes.legend(fontsize=8)
+
+
+def _weather(axes: Any, rows: list[Record], along: str, colour: str, *, named: bool) -> None:
+    """Draws what falls: its extinction, and between what bounds it may lie."""
+    x, ends = [row[along] for row in rows], "_albedo"
+    kinds = [key.removesuffix(ends) for key in rows[0] if key.endswith(ends)]
+    for kind, dots in zip(kinds, DOTS * len(kinds), strict=False):
+        y = [row[f"{kind}_db_km"] for row in rows]
+        if not any(y):
+            continue
+        label = kind if named else None
+        axes.plot(x, y, linestyle=dots, color=colour, label=label, linewidth=1.2)
+        if f"{kind}_least_db_km" in rows[0]:
+            bounds = ([row[f"{kind}_{end}_db_km"] for row in rows] for end in ("least", "most"))
+            axes.fill_between(x, *bounds, color=colour, alpha=0.12, linewidth=0)
 
 
 def _moisture(rows: list[Record]) -> str:

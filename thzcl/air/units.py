@@ -66,6 +66,15 @@ UNITS: Mapping[str, Mapping[str, Worth]] = {
         (("m", "metre", "metres", "meter", "meters"), 1.0, 0.0),
         (("km", "kilometre", "kilometres", "kilometer", "kilometers"), 1e3, 0.0),
     ),
+    "mm": _spelled(
+        (("mm", "millimetre", "millimetres", "millimeter", "millimeters"), 1.0, 0.0),
+        (("um", "micrometre", "micrometres", "micrometer", "micrometers"), 1e-3, 0.0),
+        (("cm",), 10.0, 0.0),
+        (("m", "metre", "metres", "meter", "meters"), 1e3, 0.0),
+    ),
+    "1/m3/mm": _spelled(
+        (("1/m3/mm", "m-3mm-1", "mm-1m-3", "1/(m3mm)"), 1.0, 0.0), (("1/m4", "m-4"), 1e-3, 0.0)
+    ),
     "m/s": _spelled((("m/s", "ms-1"), 1.0, 0.0), (("cm/s", "cms-1"), 0.01, 0.0)),
     "s": _spelled(
         (("s", "sec", "second", "seconds", "ts"), 1.0, 0.0),

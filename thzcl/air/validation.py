@@ -111,7 +111,8 @@ def spectra(ghz: Any = SPECTRUM_GHZ) -> dict[str, list[Record]]:
     for climate in CLIMATES:
         kelvin, moist = np.array([climate.temperature_k]), climate.relative_humidity_percent
         given = "relative_humidity_percent", moist
-        rows, _ = spectrum.by_model(np.asarray(ghz), kelvin, PRESSURE_HPA, gases, *given)
+        states = spectrum.states(np.asarray(ghz), kelvin, PRESSURE_HPA, *given)
+        rows, _ = spectrum.by_model(states, gases)
         found[climate.name] = rows
     return found
 

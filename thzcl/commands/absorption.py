@@ -1,10 +1,10 @@
-"""`thzcl absorption`: absorption spectra of moist air."""
+"""`thzcl absorption`: spectra of what moist air, rain, fog and snow absorb and scatter."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -12,7 +12,17 @@ from thzcl.commands.options import HowTable, TableFormat
 from thzcl.errors import UsageError
 
 if TYPE_CHECKING:
-    from thzcl.air.spectrum import Record
+    from thzcl.air.composition import Part
+    from thzcl.air.spectrum import Record, States
+
+# What falls: the option that says how much, and the key of which constituent it is.
+WEATHER = {
+    "--rain-mm-h": ("rain", "rate_mm_h"),
+    "--fog-g-m3": ("fog", "liquid_water_g_m3"),
+    "--fog-visibility-m": ("fog", "visibility_m"),
+    "--snow-mm-h": ("snow", "rate_mm_h"),
+}
+DROP_SIZES = "--drop-sizes"
 
 
 def absorption(
@@ -44,12 +54,26 @@ def absorption(
         bool,
         typer.Option("--validation", help="all models in four climates, and what was measured"),
     ] = False,
+    rain_mm_h: Annotated[float | None, typer.Option(metavar="R", help="rain rate, mm/h")] = None,
+    drop_sizes: Annotated[
+        str | None,
+        typer.Option(metavar="NAME", help="law of drop sizes, as `constituents rain` has"),
+    ] = None,
+    fog_g_m3: Annotated[
+        float | None, typer.Option(metavar="W", help="liquid water of fog, g/m3")
+    ] = None,
+    fog_visibility_m: Annotated[
+        float | None, typer.Option(metavar="V", help="how far one sees in fog, m")
+    ] = None,
+    snow_mm_h: Annotated[
+        float | None, typer.Option(metavar="S", help="snow rate as melted water, mm/h")
+    ] = None,
     how: HowTable = TableFormat.table,
     figure: Annotated[
         Path | None, typer.Option(metavar="FILE", help="write a picture (PNG) as well")
     ] = None,
 ) -> None:
-    """Print the absorption of moist air, by one model or several."""
+    """Print what moist air absorbs, by one model or several, and what rain, fog and snow add."""
     from thzcl.commands.terminal import complain
 
     humidities = {
@@ -59,28 +83,38 @@ def absorption(
     }
     if figure is not None and figure.suffix.lower() != ".png":
         raise UsageError(f"--figure {figure}: the picture is a PNG; let its name end in .png")
+    amounts = dict(zip(WEATHER, (rain_mm_h, fog_g_m3, fog_visibility_m, snow_mm_h), strict=True))
     if validation:
-        if frequency_ghz is not None or model or any(v is not None for v in humidities.values()):
+        others = (frequency_ghz, model, drop_sizes, *humidities.values(), *amounts.values())
+        if any(value is not None for value in others):
             text = "--validation has models, frequencies and air of its own; give no others"
             raise UsageError(text)
         _validation(how, figure)
         return
     if frequency_ghz is None:
         raise UsageError("give --frequency-ghz F, or --validation")
-    rows, notes = _spectra(
-        (frequency_ghz, temperature_k), pressure_hpa, model or ["mpm93"], _humidity(**humidities)
-    )
+    weather = _weather(amounts, drop_sizes)
+    states = _states((frequency_ghz, temperature_k), pressure_hpa, _humidity(**humidities))
+    rows, notes = _spectra(states, model or ["mpm93"], weather)
     _show(rows, how, figure)
     complain([f"note: {note}" for note in notes])
 
 
-def _spectra(
-    given: tuple[str, str], pressure_hpa: float, models: list[str], moist: tuple[str, float]
-) -> tuple[list[Record], list[str]]:
-    """Returns the records of one model or several, and notes on them.
+def _states(given: tuple[str, str], pressure_hpa: float, moist: tuple[str, float]) -> States:
+    """Returns the states of the air; `given` are frequencies in GHz and temperatures in K."""
+    from thzcl.air import spectrum
 
-    `given` are frequencies in GHz and temperatures in K.
-    """
+    try:
+        ghz, kelvin = (spectrum.values(text) for text in given)
+        return spectrum.states(ghz, kelvin, pressure_hpa, *moist)
+    except ValueError as error:
+        raise UsageError(str(error)) from None
+
+
+def _spectra(
+    states: States, models: list[str], weather: list[Part]
+) -> tuple[list[Record], list[str]]:
+    """Returns the records of one model or several, and notes on them."""
     from thzcl.air import spectrum
     from thzcl.scenario.constituents import gas
 
@@ -88,14 +122,13 @@ def _spectra(
     if twice is not None:
         raise UsageError(f"--model {twice}: is there already; name each model once")
     try:
-        ghz, kelvin = (spectrum.values(text) for text in given)
         gases = [gas(name) for name in models]
         if len(gases) > 1:
-            return spectrum.by_model(ghz, kelvin, pressure_hpa, gases, *moist)
-        rows = spectrum.records(ghz, kelvin, pressure_hpa, gases[0], *moist)
+            return spectrum.by_model(states, gases, weather)
+        rows = spectrum.records(states, gases[0], weather)
     except ValueError as error:
         raise UsageError(str(error)) from None
-    return rows, spectrum.notes(ghz, kelvin, pressure_hpa, gases[0])
+    return rows, spectrum.notes(states, [*gases, *weather])
 
 
 def _show(rows: list[Record], how: TableFormat, figure: Path | None) -> None:
@@ -151,3 +184,35 @@ def _humidity(**given: float | None) -> tuple[str, float]:
         names = " or ".join(f"--{name.replace('_', '-')}" for name in humidities)
         raise UsageError(f"give only one humidity: {names}")
     return next(iter(humidities.items()), ("vapour_pressure_hpa", 0.0))
+
+
+def _weather(amounts: dict[str, float | None], drop_sizes: str | None) -> list[Part]:
+    """Returns what falls, by the options that are given."""
+    from thzcl.scenario.constituents import other
+
+    given = {option: amount for option, amount in amounts.items() if amount is not None}
+    tables: dict[str, dict[str, Any]] = {}
+    for option, amount in given.items():
+        name, key = WEATHER[option]
+        if name in tables:
+            raise UsageError("give only one of --fog-g-m3 and --fog-visibility-m")
+        tables[name] = {key: amount}
+    options = {WEATHER[option]: option for option in given}
+    if drop_sizes is not None:
+        if "rain" not in tables:
+            raise UsageError(f"{DROP_SIZES} {drop_sizes}: whose? give --rain-mm-h too")
+        if drop_sizes == "file":
+            raise UsageError(f"{DROP_SIZES} file: a file is named in a scenario; give a law's name")
+        tables["rain"]["drop_sizes"] = drop_sizes
+        options["rain", "drop_sizes"] = DROP_SIZES
+    found = []
+    for name, table in tables.items():
+        made = other(name, table)
+        if isinstance(made, list):
+            keys = [(name, str(trouble.path[0])) for trouble in made]
+            texts = [trouble.text for trouble in made]
+            raise UsageError(
+                "; ".join(f"{options[key]}: {text}" for key, text in zip(keys, texts, strict=True))
+            )
+        found.append(made)
+    return found

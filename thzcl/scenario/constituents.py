@@ -41,6 +41,11 @@ def gas(model: str) -> Part:
     return part(model)
 
 
+def other(name: str, table: Mapping[str, Any]) -> Part | list[Trouble]:
+    """Returns what is no gas, with some parameters, or what is wrong with them."""
+    return _checked(name, constituent_class(name), table) or part(name, table)
+
+
 def troubles(table: Any, model: str, keys: Collection[str]) -> list[Trouble]:
     """Returns what is wrong with the constituents in an [atmosphere] table, paths relative to it.
 
