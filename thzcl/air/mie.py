@@ -9,6 +9,7 @@ stable, and chi_n upwards.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -65,7 +66,7 @@ def _blocks(size: Array, index: Array) -> Iterator[NDArray[np.intp]]:
     first = 0
     while first < len(order):
         x = size[order[first:]]
-        count = int(np.searchsorted(x, 1.5 * x[0] + 2.0, side="right"))
+        count = int(np.searchsorted(x, 3.0 * x[0] + 2.0, side="right"))
         work = float(_terms(x[count - 1])) * max(1.0, float(index.max()))
         count = min(count, max(1, int(AT_ONCE / work)))
         yield order[first : first + count]
@@ -197,12 +198,18 @@ def _angular(mu: Array, count: int) -> tuple[Array, Array]:
     return pi[1:] + tau, pi[1:] - tau
 
 
+@lru_cache(maxsize=64)
 def gauss(count: int) -> tuple[Array, Array]:
-    """Returns nodes from -1 to 1, ascending, and weights of Gauss' and Legendre's quadrature."""
+    """Returns nodes from -1 to 1, ascending, and weights of Gauss' and Legendre's quadrature.
+
+    They are read-only.
+    """
     from scipy.special import roots_legendre
 
     nodes, weights = roots_legendre(count)
-    return np.asarray(nodes), np.asarray(weights)
+    for array in (nodes, weights):
+        array.flags.writeable = False
+    return nodes, weights
 
 
 def legendre(mu: Array, orders: int) -> Array:

@@ -145,27 +145,29 @@ def bulk(frequency_hz: Array, permittivity: Complex, sizes: Sizes) -> Bulk:
     if kept is not None and len(kept) == 8 * shape[0] * shape[1]:
         table = np.frombuffer(kept).reshape(shape)
     else:
-        table = _summed(scattered(*(array.tobytes() for array in inputs[:3])), sizes)
+        # One frequency after the other: each is the same to the bit alone and beside others.
+        singles = (
+            scattered(hz, complex(eps), sizes.diameter_mm.tobytes())
+            for hz, eps in zip(frequency_hz.tolist(), permittivity, strict=True)
+        )
+        table = np.stack([_summed(single, sizes) for single in singles], axis=1)
         cache.keep(entry, table.tobytes())
     return Bulk(table[0], table[1], table[2], table[3:])
 
 
-@lru_cache(maxsize=4)  # the laws of drop sizes that are compared have their diameters in common
-def scattered(frequencies: bytes, permittivities: bytes, diameters: bytes) -> mie.Spheres:
-    """Returns what single spheres do, (frequency, diameter)."""
-    hz, diameter = np.frombuffer(frequencies), np.frombuffer(diameters)
-    index = np.sqrt(np.frombuffer(permittivities, dtype=np.complex128))
-    shape = len(hz), len(diameter)
-    size = np.pi * 1e-3 / LIGHT_SPEED * np.outer(hz, diameter)
-    found = mie.scatter(size.ravel(), np.repeat(index, len(diameter)), ORDERS)
-    return mie.Spheres(*(array.reshape(*array.shape[:-1], *shape) for array in found))
+@lru_cache(maxsize=128)  # the laws of drop sizes that are compared have their diameters in common
+def scattered(frequency_hz: float, permittivity: complex, diameters: bytes) -> mie.Spheres:
+    """Returns what single spheres of some diameters in mm do, (diameter,)."""
+    size = np.pi * 1e-3 / LIGHT_SPEED * frequency_hz * np.frombuffer(diameters)
+    return mie.scatter(size, np.full(size.shape, np.sqrt(permittivity)), ORDERS)
 
 
 def _summed(single: mie.Spheres, sizes: Sizes) -> Array:
-    """Returns the sums over sizes: three coefficients and the moments, (quantity, frequency)."""
+    """Returns the sums over sizes: three coefficients and the moments, (quantity,)."""
     section = np.pi / 4 * 1e-6 * sizes.diameter_mm**2 * sizes.per_m3  # m2 per m3
     extinction, scattering = single.extinction @ section, single.scattering @ section
     backscatter = single.backscatter @ section / (4 * np.pi)
-    of_sizes = (single.legendre * single.scattering) @ section
-    moments = np.divide(of_sizes, scattering, out=np.zeros_like(of_sizes), where=scattering > 0)
-    return np.vstack([extinction, scattering, backscatter, moments])
+    moments = single.legendre @ (single.scattering * section)
+    if scattering > 0:
+        moments = moments / scattering
+    return np.array([extinction, scattering, backscatter, *moments])

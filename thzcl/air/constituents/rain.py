@@ -133,7 +133,7 @@ class Rain(Constituent):
     Validation: Mie's theory to 1e-9 of miepython and of 60-digit sums (tests/test_mie.py).
     Extinction, albedo, asymmetry and back-scatter of the printed law to 1e-4, 2e-5, 3e-5 and 6e-4
     of values computed with other code (tests/test_weather.py). Scaled as here, drops of Marshall
-    and Palmer extinguish 13 to 16 % more than ITU-R P.838-3 at 10 to 25 mm/h and 225 to 355 GHz,
+    and Palmer extinguish 13 to 17 % more than ITU-R P.838-3 at 10 to 25 mm/h and 225 to 355 GHz,
     with which measurements at 313 and 355 GHz agree (Ishii and others 2010, 2011).
 
     References: J. S. Marshall, W. McK. Palmer (1948), "The distribution of raindrops with size", J.
