@@ -150,7 +150,7 @@ def test_emission_is_the_oracles_radiance_less_the_airs():
     path, met = walked(warm=True)
     absorber = twin.exact(AIR, HZ, HUMIDITY, TEMPERATURE)
     source = np.array([[1e-17], [-3e-16]]) * np.ones(len(met))
-    ours = twin.emission(absorber, HZ, 290.0, path, source)
+    ours = twin.emission(absorber, HZ, 290.0, path, source, np.zeros(len(HZ)))
     for hz, row, behind in zip(HZ, ours, source[:, 0], strict=True):
         air = oracle.planck(hz, 290.0)
         for contrast, (delta, offset, metres) in zip(row, met, strict=True):
@@ -164,10 +164,16 @@ def test_a_mistake_in_the_packages_planck_is_seen(monkeypatch):
     path, met = walked(warm=True)
     absorber = twin.exact(AIR, HZ, HUMIDITY, TEMPERATURE)
     source = np.zeros((2, len(met)))
-    before = twin.emission(absorber, HZ, 290.0, path, source), twin.planck(HZ, 290.0)
+    before = (
+        twin.emission(absorber, HZ, 290.0, path, source, np.zeros(len(HZ))),
+        twin.planck(HZ, 290.0),
+    )
     for name in ("planck", "planck_difference", "planck_slope", "radiance_unit", "_occupation"):
         monkeypatch.setattr(radiometry, name, lambda *_: np.nan)
-    after = twin.emission(absorber, HZ, 290.0, path, source), twin.planck(HZ, 290.0)
+    after = (
+        twin.emission(absorber, HZ, 290.0, path, source, np.zeros(len(HZ))),
+        twin.planck(HZ, 290.0),
+    )
     for one, other in zip(before, after, strict=True):
         np.testing.assert_array_equal(one, other)
 

@@ -6,7 +6,8 @@
 // Options: FREQUENCIES; HUMIDITY_POWERS, TEMPERATURE_POWERS and PLANCK_POWERS, numbers of
 // coefficients; COUNTS, how many temperature powers matter with each humidity power; THIN where no
 // voxel is deeper than 1/8; CUTOFF as in trace.cl; MOTION and OUTGOING as in camera.cl; BILLBOARDS,
-// COSINES and what goes with it as in source.cl.
+// COSINES and what goes with it as in source.cl; VEIL where the part `veil` of the absorption, 1/m,
+// takes light without emitting as the air does.
 
 // The depths of this many voxels are added up plainly, before a compensated sum (Kahan 1965) takes
 // them in: plain float32 alone goes astray by 3e-6 over ten thousand voxels.
@@ -46,6 +47,7 @@ __kernel void emission(__global const real *restrict delta, __global const real 
                        __global const int *restrict picked, int count,
                        __global real *restrict path_length, __global int *restrict surface,
                        __constant real *coefficients, __constant real *planck,
+                       __constant real *veil,
                        __global const real *restrict emitted, __global const real *restrict blend,
                        __global const real *restrict cosine,
                        __global const real *restrict elevation,
@@ -96,6 +98,10 @@ __kernel void emission(__global const real *restrict delta, __global const real 
 #endif
             reals warmth = 0;
             POLYNOMIAL(warmth, planck + f * PLANCK_POWERS, PLANCK_POWERS, PLANCK_POWERS, t)
+#ifdef VEIL
+            const reals own = absorption - veil[f];
+            warmth *= own > 0 ? own / absorption : (reals)0;
+#endif
             contrast[f] += transmission[f] * lost * warmth;
             transmission[f] *= passed;
             latest[f] += tau;

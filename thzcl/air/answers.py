@@ -77,14 +77,11 @@ def checked(answer: Any, shape: tuple[int, ...]) -> OpticalProperties:
     )
 
 
-def unfollowed(found: OpticalProperties, air_k: Array) -> str | None:
-    """Returns what of some optics thzcl does not follow, in words; None where it follows all."""
-    if np.any(found.scattering) or np.any(found.backscatter):
-        return "it scatters, and only what absorbs is followed yet"
+def is_no_gas(found: OpticalProperties, air_k: Array) -> bool:
+    """Returns whether optics are none that a gas can have."""
     own = found.temperature_k
-    if own is not None and not np.allclose(own, air_k, rtol=ROUNDING, atol=0):
-        return "it has a temperature of its own, and only the air's is followed yet"
-    return None
+    warm = own is not None and not np.allclose(own, air_k, rtol=ROUNDING, atol=0)
+    return bool(warm or np.any(found.scattering) or np.any(found.backscatter))
 
 
 def parts(found: OpticalProperties) -> dict[str, Array]:

@@ -156,25 +156,11 @@ def made(one: Part) -> _Made:
 def optical_properties(
     one: Part, frequency_hz: Any, temperature_k: Any, pressure_hpa: Any, vapour_hpa: Any
 ) -> OpticalProperties:
-    """Returns the optics of a constituent of which images follow all.
-
-    Raises PluginError for optics that they do not follow, and what `all_optics` raises.
-    """
-    found = all_optics(one, frequency_hz, temperature_k, pressure_hpa, vapour_hpa)
-    beyond = answers.unfollowed(found, np.asarray(temperature_k, dtype=np.float64))
-    if beyond is not None:
-        raise PluginError(f"{made(one).owner}: {beyond}; {_instead(one)}")
-    return found
-
-
-def all_optics(
-    one: Part, frequency_hz: Any, temperature_k: Any, pressure_hpa: Any, vapour_hpa: Any
-) -> OpticalProperties:
     """Returns the optics of a constituent as float64 arrays of the arguments' common shape.
 
     Parts and moments are checked where they are asked for. Raises RangeError where the constituent
-    is not valid, and PluginFailure for whatever it raises and for an answer that breaks its
-    contract.
+    is not valid, PluginFailure for whatever it raises and for an answer that breaks its contract,
+    and PluginError for a gas that scatters.
     """
     at_work = made(one)
     state = [_read_only(x) for x in (frequency_hz, temperature_k, pressure_hpa, vapour_hpa)]
@@ -188,7 +174,11 @@ def all_optics(
     def answered() -> OpticalProperties:
         return answers.checked(at_work.constituent.optics(*state), shape)
 
-    return guard.call(at_work.owner, answered)
+    found = guard.call(at_work.owner, answered)
+    if constituent_class(one.name).gas and answers.is_no_gas(found, kelvin):
+        text = "a gas neither scatters nor has a temperature of its own"
+        raise PluginError(f"{at_work.owner}: {text}; {_instead(one)}")
+    return found
 
 
 @lru_cache(maxsize=64)

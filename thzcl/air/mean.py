@@ -65,8 +65,23 @@ class Air:
         parts = tuple(composition.located(part, locate) for part in self.parts)
         return replace(self, parts=parts)
 
+    def without_nothing(self, frequency_hz: Array) -> Air:
+        """Returns this air without what is no gas and does nothing, such as rain of 0 mm/h."""
+        state = self.temperature_k, self.pressure_hpa, self.vapour_pressure_hpa
+        kept = []
+        for part in self.parts:
+            if not composition.constituent_class(part.name).gas:
+                found = composition.optical_properties(part, frequency_hz, *state)
+                varies = composition.made(part).varies
+                if not (varies or np.any(found.absorption) or np.any(found.scattering)):
+                    continue
+            kept.append(part)
+        return self if len(kept) == len(self.parts) else replace(self, parts=tuple(kept))
+
     def absorption(self, frequency_hz: Any, delta: Any = 0.0, offset_k: Any = 0.0) -> Array:
-        """Returns the absorption coefficient of power in 1/m; the arguments broadcast.
+        """Returns what the air takes from light, in 1/m of its power; the arguments broadcast.
+
+        That is what it absorbs, and what is scattered where something falls: the extinction.
 
         `delta` is the humidity fluctuation rho / rho_mean - 1, at least -1. `offset_k` is the
         temperature's departure from the mean in kelvin, at constant total pressure. Vapour pressure
@@ -83,6 +98,8 @@ class Air:
                 part, hz, state[0], self.pressure_hpa, state[1]
             )
             total += np.asarray(of_part.absorption)
+            if np.any(of_part.scattering):
+                total += np.asarray(of_part.scattering)
         return total
 
     def _state(self, delta: Any, offset_k: Any) -> tuple[Array, Array]:

@@ -233,6 +233,27 @@ def intensity(found: Scattered, mu: Array) -> Array:
     return light
 
 
+def within(found: Scattered, mu: Array, layer: NDArray[np.intp], part: Array) -> Array:
+    """Returns the light in given directions at places within layers, (frequency, place).
+
+    `layer` (place,) is the layer, and `part` (place,) how much of it lies above the place. Light of
+    each direction goes on from the level at which it enters the layer.
+    """
+    directions, back = np.unique(mu, return_inverse=True)
+    along = np.where(np.abs(directions) < LEVEL, LEVEL, np.abs(directions))
+    light = intensity(found, directions)
+    sources = _sources(found, mie.legendre(directions, len(found.moments)))
+    up = directions[back] >= 0
+    entry, crossed = np.where(up, layer + 1, layer), np.where(up, 1 - part, part)
+    near = sources[:, layer, np.where(up, 1, 0), back]  # at the level where light enters
+    far = sources[:, layer, np.where(up, 0, 1), back]
+    here = near + crossed * (far - near)
+    slant = found.layers.depth[:, layer] * crossed / along[back]
+    mean, passed = mean_transmission(slant), np.exp(-slant)
+    entering = light[:, entry, back]
+    return np.asarray(entering * passed + here * (1 - mean) + near * (mean - passed))
+
+
 def _falling(found: Scattered) -> Array:
     """Returns the flux that falls on the ground over pi, (frequency,)."""
     mu, weight = _hemisphere(len(found.moments) // 2)

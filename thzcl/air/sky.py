@@ -11,6 +11,7 @@ cosmic background.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -18,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from thzcl.air import composition, radiometry
+from thzcl.air.composition import Part
 from thzcl.air.mean import Air
 from thzcl.air.profile import Profile, State
 from thzcl.graph import frozen
@@ -96,15 +98,51 @@ class _Layers(NamedTuple):
     high: Array
 
 
+def layers(
+    column: Column, frequency_hz: Array, heights: Array, without: Sequence[Part] = ()
+) -> tuple[Array, Array]:
+    """Returns the absorption of layers, (frequency, layer) in 1/m, but of some constituents.
+
+    Returns their temperatures too, (layer, 2) in K, at the lower and at the upper ends. The layers
+    lie between some heights, which ascend, m.
+    """
+    kelvin, even = _temperatures(column, heights)
+    hz = np.asarray(frequency_hz)[:, None]
+    return _absorption(column, hz, heights, even, without), kelvin
+
+
+def _temperatures(column: Column, heights: Array) -> tuple[Array, NDArray[np.bool_]]:
+    """Returns temperatures of layers, (layer, 2) in K, and whether they are the scene's air."""
+    even, kelvin = heights[1:] <= column.even_m, column.at(heights).temperature_k
+    ends = np.stack([kelvin[:-1], kelvin[1:]], axis=1)
+    return np.where(even[:, None], column.air.temperature_k, ends), even
+
+
 @lru_cache(maxsize=16)
 def _layers(column: Column, frequencies: tuple[float, ...]) -> _Layers:
     """Returns the layers between the levels of a column."""
-    hz, heights, mean = np.array(frequencies)[:, None], levels(column), column.air
-    state = column.at(heights)
+    hz, mean_k = np.array(frequencies)[:, None], column.air.temperature_k
+    heights = levels(column)
+    kelvin, even = _temperatures(column, heights)
+    low, high = (radiometry.planck_difference(hz, one, mean_k) for one in kelvin.T)
+    return _Layers(_absorption(column, hz, heights, even), low, high)
+
+
+def _absorption(
+    column: Column,
+    hz: Array,
+    heights: Array,
+    even: NDArray[np.bool_],
+    without: Sequence[Part] = (),
+) -> Array:
+    """Returns the absorption of layers, (frequency, layer) in 1/m, for `hz` (frequency, 1)."""
+    mean, state = column.air, column.at(heights)
     gas = np.zeros((len(hz), len(heights)))
     rest, of_scene = np.zeros((len(hz), len(heights) - 1)), np.zeros((len(hz), 1))
     own = mean.temperature_k, mean.pressure_hpa, mean.vapour_pressure_hpa
     for part in mean.parts:
+        if part in without:
+            continue
         here = np.asarray(composition.optical_properties(part, hz, *own).absorption)
         if composition.constituent_class(part.name).gas:
             above = state.temperature_k, state.pressure_hpa, state.vapour_hpa
@@ -112,13 +150,7 @@ def _layers(column: Column, frequencies: tuple[float, ...]) -> _Layers:
             of_scene += here
         else:
             rest += here * (heights[1:] <= composition.layer_top_m(part))
-    sent = radiometry.planck_difference(hz, state.temperature_k, mean.temperature_k)
-    even = heights[1:] <= column.even_m
-    return _Layers(
-        np.where(even, of_scene, _between(gas[:, :-1], gas[:, 1:])) + rest,
-        np.where(even, 0.0, sent[:, :-1]),
-        np.where(even, 0.0, sent[:, 1:]),
-    )
+    return np.where(even, of_scene, _between(gas[:, :-1], gas[:, 1:])) + rest
 
 
 def _between(one: Array, other: Array) -> Array:

@@ -71,7 +71,7 @@ class States:
     def optics(self, part: Part) -> OpticalProperties:
         """Returns all optics of a constituent, (row,)."""
         air = self.temperature_k, self.pressure_hpa, self.vapour_hpa
-        return composition.all_optics(part, self.frequency_ghz * 1e9, *air)
+        return composition.optical_properties(part, self.frequency_ghz * 1e9, *air)
 
     def where(self, rows: NDArray[np.bool_]) -> States:
         """Returns some of the rows."""

@@ -16,14 +16,17 @@ from numpy.typing import NDArray
 
 from thzcl.air.expansion import Expansion, ExpansionSpec, TrimmedSpec
 from thzcl.air.mean import Air
+from thzcl.air.scattering import mean_transmission
+from thzcl.air.weather import Weather
 from thzcl.device.opencl import Device
 from thzcl.error import twin
 from thzcl.error.rays import FinePixels, FineWalkSpec, Walked, WalkSpec
 from thzcl.error.twin import Absorber, Path
-from thzcl.graph import Spec, frozen
+from thzcl.graph import Spec, Values, frozen
 from thzcl.sensing.pixels import Pixels, Steps, SumSpec, weigh
 from thzcl.sensing.spectrum import Spectrum, Split
-from thzcl.sensing.transfer import AnyRays, Rays
+from thzcl.sensing.transfer import Rays
+from thzcl.sensing.weather import AnyRays
 from thzcl.surfaces.radiance import Sources
 
 Array = NDArray[np.float64]
@@ -67,15 +70,20 @@ class Attenuated:
 
 @dataclass(frozen=True)
 class Emitted:
-    """Light that air of fluctuating temperature attenuates, and to which its emission adds."""
+    """Light that air of fluctuating temperature attenuates, and to which its emission adds.
+
+    `veil` (frequency,) is the part of absorption, 1/m, that takes light and emits nothing here.
+    """
 
     air_k: float
+    veil: Values | None = None
 
     def contrast(
         self, absorber: Absorber, frequency_hz: Array, ways: tuple[Path, ...], source: Array
     ) -> Array:
         """Returns the contrast that reaches the camera from air and `source`, (frequency, ray)."""
-        return twin.emission(absorber, frequency_hz, self.air_k, ways[0], source)
+        veil = np.zeros(len(frequency_hz)) if self.veil is None else self.veil.array
+        return twin.emission(absorber, frequency_hz, self.air_k, ways[0], source, veil)
 
 
 Transfer = Attenuated | Emitted
@@ -89,13 +97,44 @@ class Light:
     sources: Sources
     spectrum: Spectrum
     transfer: Transfer
+    weather: Weather | None = None
 
     def planes(self, absorber: Absorber, walked: Walked, ways: tuple[Path, ...]) -> Array:
         """Returns the contrast that rays bring to the camera, (plane, ray)."""
         nodes = self.spectrum.nodes_hz.array
         source = self.sources.sent(nodes, walked.surface, walked.blend, walked.angles)
         contrast = self.transfer.contrast(absorber, nodes, ways, source)
+        if self.weather is not None:
+            contrast = contrast + self._scattered(self.weather, absorber, walked, ways[0])
         return np.asarray(self.spectrum.planes(contrast) * walked.gain)
+
+    def _scattered(self, weather: Weather, absorber: Absorber, walked: Walked, way: Path) -> Array:
+        """Returns what weather adds to rays, (frequency, ray), as a run has it but look-ups."""
+        length = way.length.sum(axis=1)
+        height = walked.start_m + walked.sine * length / 2
+        source = weather.source(self.spectrum.nodes_hz.array, walked.sine, height)
+        return np.asarray(source * length * mean_transmission(absorber.depth(way)))
+
+    def scattering_error(self, absorber: Absorber, walked: Walked, way: Path) -> Array:
+        """Returns the error of what weather adds, (plane, ray).
+
+        It is that of taking light as it comes in at a ray's mean height, and transmission as it is
+        in even air, against a sum over the segments of each ray.
+        """
+        assert self.weather is not None  # noqa: S101 (asked only where something falls)
+        nodes = self.spectrum.nodes_hz.array
+        middle = np.cumsum(way.length, axis=1) - way.length / 2
+        sine = np.broadcast_to(walked.sine[:, None], middle.shape)
+        height = walked.start_m + sine * middle
+        source = self.weather.source(nodes, sine.ravel(), height.ravel())
+        source = source.reshape(len(nodes), *middle.shape)
+        found = np.zeros((len(nodes), len(middle)))
+        for number, per_m in enumerate(absorber.along(way)):
+            tau = per_m * way.length
+            through = np.exp(tau - np.cumsum(tau, axis=-1))
+            found[number] = (through * source[number] * way.length * mean_transmission(tau)).sum(-1)
+        error = self._scattered(self.weather, absorber, walked, way) - found
+        return np.asarray(self.spectrum.planes(error) * walked.gain)
 
     def exact(self, expansion: Expansion) -> Absorber:
         """Returns the absorption of the air's own model, over the spans of an expansion."""
@@ -155,7 +194,11 @@ class ErrorSpec(Spec):
             finer = self.resolved
             true = finer.planes(finer.exact(expansion), walk, walk.paths(span))
             errors["band-quadrature"] = full - true
-        errors["total"] = ran - true
+        missed = np.zeros(())
+        if light.weather is not None:
+            missed = light.scattering_error(exact, walk, walk.paths(span)[0])
+            errors["scattering"] = missed
+        errors["total"] = ran - true + missed
         parts = {name: light.part(e, walk.weight, contrast) for name, e in errors.items()}
         if not rays.interpolated.any():
             return parts

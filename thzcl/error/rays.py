@@ -62,6 +62,8 @@ class Walked:
     blend: Array
     angles: EndAngles | None
     gain: Array
+    sine: Array  # of the elevation at which the camera looks
+    start_m: float  # height of the camera
     ways: tuple[Way, ...]  # the camera's ray, and the way from a transmitter if there is one
 
     @cached_property
@@ -263,7 +265,8 @@ def _followed(
     if lambert:
         assert cosine is not None  # noqa: S101 (whoever asks for the gain asks for the cosine)
         gain = lambert_gain(cosine, ends.path_length.host()[slots].astype(np.float64))
-    return Walked(number, weight, surface, blended, angles, gain, tuple(ways))
+    sine, start_m = direction[:, 2] / norm, float(here[2])
+    return Walked(number, weight, surface, blended, angles, gain, sine, start_m, tuple(ways))
 
 
 def _asked(values: Buffer, slots: Integers) -> Array | None:

@@ -102,17 +102,17 @@ class Absorber:
 
     def along(self, path: Path) -> Iterator[Array]:
         """Yields the absorption along rays, (ray, segment), for one frequency after the other."""
-        assert path.offset is not None  # noqa: S101 (isothermal air has moments)
+        offset = np.zeros_like(path.delta) if path.offset is None else path.offset
         of_d, of_t = (
             np.array(list(chebyshev(values, span, terms)))
             for values, span, terms in (
                 (path.delta, self.humidity_span, self.series.shape[1]),
-                (path.offset, self.temperature_span, self.series.shape[2]),
+                (offset, self.temperature_span, self.series.shape[2]),
             )
         )
         for number, rows in enumerate(self.series):
             if number in self.direct:
-                yield self.direct[number](path.delta, path.offset)
+                yield self.direct[number](path.delta, offset)
             else:
                 yield np.asarray(np.einsum("krs,krs->rs", of_d, np.tensordot(rows, of_t, 1)))
 
@@ -189,21 +189,37 @@ def chebyshev(values: Array, span: Span, count: int) -> Iterator[Array]:
 
 
 def emission(
-    absorber: Absorber, frequency_hz: Array, air_k: float, path: Path, source: Array
+    absorber: Absorber,
+    frequency_hz: Array,
+    air_k: float,
+    path: Path,
+    source: Array,
+    veil: Array,
 ) -> Array:
     """Returns contrast to the mean air's radiance where temperature fluctuates, (frequency, ray).
 
-    `source` (frequency, ray) is the contrast at the ends of the rays.
+    `source` (frequency, ray) is the contrast at the ends of the rays, and `veil` (frequency,) the
+    part of absorption, 1/m, that emits nothing.
     """
     assert path.offset is not None  # noqa: S101 (isothermal air needs no such sum)
     kelvin = air_k + path.offset
-    along = zip(frequency_hz, absorber.along(path), source, strict=True)
+    along = zip(frequency_hz, absorber.along(path), source, veil, strict=True)
     return np.array(
         [
-            transfer(per_m * path.length, planck_difference(hz, kelvin, air_k), behind)
-            for hz, per_m, behind in along
+            transfer(
+                per_m * path.length,
+                _own(per_m, dark) * planck_difference(hz, kelvin, air_k),
+                behind,
+            )
+            for hz, per_m, behind, dark in along
         ]
     )
+
+
+def _own(per_m: Array, veil: float) -> Array:
+    """Returns the part of absorption that emits."""
+    own = np.maximum(per_m - veil, 0.0)
+    return np.divide(own, per_m, out=np.zeros_like(own), where=per_m > 0)
 
 
 def transfer(tau: Array, emitted: Array, behind: Array) -> Array:

@@ -46,6 +46,7 @@ class EmissionKernels(MarchKernels, SourceKernels):
     planck_powers: int
     counts: tuple[int, ...]
     thin: bool
+    veil: bool = False
 
 
 @dataclass(frozen=True)
@@ -69,7 +70,7 @@ class Emitting:
 
     `coefficients` (frequency, humidity power, temperature power) in 1/m are those of absorption,
     `planck` (frequency, power) those of B(T) - B(T_mean) in powers of T - T_mean, and `sent` is
-    what surfaces send.
+    what surfaces send. `veil` (frequency,) is the part of absorption, 1/m, that emits nothing here.
     """
 
     coefficients: Array
@@ -77,6 +78,7 @@ class Emitting:
     densest: float  # bound on absorption in the cube at any frequency, 1/m
     planck: Array
     sent: Table
+    veil: Array
 
     def some(self, first: int) -> Emitting:
         """Returns the tables for the frequencies of one pass, which start at number `first`."""
@@ -86,15 +88,23 @@ class Emitting:
             coefficients=self.coefficients[part],
             planck=self.planck[part],
             sent=self.sent.some(part),
+            veil=self.veil[part],
         )
 
 
 def emitting(
-    expansion: Expansion, span: tuple[float, float], sent: Table, precision: str, *, air: bool
+    expansion: Expansion,
+    span: tuple[float, float],
+    sent: Table,
+    veil: Array,
+    precision: str,
+    *,
+    air: bool,
 ) -> Emitting:
     """Returns the tables of an emission trace; `span` bounds the temperature's departure in K.
 
-    `sent` is what surfaces send, and `air` says whether what the air emits is seen.
+    `sent` is what surfaces send, `veil` (frequency,) the part of absorption that is not the air's,
+    and `air` says whether what the air emits is seen.
     """
     frequency_hz = expansion.frequency_hz
     planck = np.zeros((len(frequency_hz), 1))
@@ -103,7 +113,7 @@ def emitting(
     present = np.abs(expansion.coefficients).max(axis=0)
     counts = tuple(int(1 + np.flatnonzero(row)[-1]) if row.any() else 1 for row in present)
     densest = float(expansion.sizes.sum(axis=(1, 2)).max())
-    return Emitting(expansion.coefficients, counts, densest, planck, sent)
+    return Emitting(expansion.coefficients, counts, densest, planck, sent, veil)
 
 
 def trace_emission(
@@ -156,6 +166,7 @@ def _emission_pass(
         surface=surface,
         coefficients=device.put(tables.coefficients, precision),
         planck=device.put(tables.planck, precision),
+        veil=device.put(tables.veil, precision),
         **source.arguments(device, ends.facing, tables.sent, precision),
         cutoff=cutoff or np.inf,
         segments=segments,
@@ -178,6 +189,7 @@ def _kernels(
         temperature_powers=temperature_powers,
         planck_powers=tables.planck.shape[1],
         counts=tables.counts,
+        veil=bool(tables.veil.any()),
         thin=tables.densest * medium.field.voxel_m * math.sqrt(3) <= THIN,
         **source.options(ends.facing, tables.sent),
     )

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from thzcl.air.expansion import Expansion, ExpansionSpec, TrimmedSpec
+from thzcl.air.weather import Weather
 from thzcl.device.opencl import Device
 from thzcl.graph import LeftOut, Memory, Spec, Values, Work, everything, frozen, rewrite
 from thzcl.paths import trace
@@ -203,6 +204,7 @@ class EmissionSpec(Spec):
     sent: SentSpec
     motion: Motion
     cutoff: float  # optical depth, one way, at which a ray ends
+    weather: Weather | None = None  # what falls, and takes light without emitting as the air does
     planned_segments: float = dataclass_field(default=0.0, compare=False)
     reads = ("field", "ends", "expansion", "sent")
 
@@ -221,7 +223,10 @@ class EmissionSpec(Spec):
     ) -> Carried:
         """Returns the depth and the contrast of every ray at every frequency."""
         precision, air = self.ends.precision, self.sent.sources.air_emits
-        tables = emitting(expansion, field.temperature_span, sent, precision, air=air)
+        veil = np.zeros(len(expansion.frequency_hz))
+        if self.weather is not None:
+            veil = self.weather.extinction(expansion.frequency_hz)
+        tables = emitting(expansion, field.temperature_span, sent, veil, precision, air=air)
         thinnest = float(expansion.coefficients[:, 0, 0].min())
         reached = thinnest * trace.longest_m(ends) >= self.cutoff
         medium = trace.medium(device, field, ends, self.motion)

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from thzcl.air.expansion import ExpansionSpec, TrimmedSpec
 from thzcl.air.mean import Air
+from thzcl.air.weather import Weather
 from thzcl.error.budget import Attenuated, Emitted, Light, Transfer
 from thzcl.error.rays import RAYS, UniformAirSpec, VoxelAirSpec, affordable
 from thzcl.graph import Values
@@ -28,7 +29,8 @@ from thzcl.paths.trace import DEPTH_CHECKED_EVERY, Motion
 from thzcl.plan.numerics import Accuracy
 from thzcl.sensing.exposures import Exposure
 from thzcl.sensing.spectrum import Spectrum
-from thzcl.sensing.transfer import AnyRays, CarriedSpec, LambertSpec, ShadeSpec
+from thzcl.sensing.transfer import CarriedSpec, LambertSpec, ShadeSpec
+from thzcl.sensing.weather import AnyRays, WeatherSpec
 from thzcl.surfaces.ends import EndsSpec, OutgoingSpec
 from thzcl.surfaces.estimate import SampledRays
 from thzcl.surfaces.geometry import Geometry
@@ -60,6 +62,8 @@ class Setup:
     lambert: bool
     cosine: bool
     targets: Values
+    weather: Weather | None = None
+    scattered: bool = False
 
     @property
     def sent(self) -> SentSpec:
@@ -88,12 +92,15 @@ class Setup:
         return ExpansionSpec(self.air, self.spectrum.nodes_hz, field, *fit)
 
     def gained(self, rays: ShadeSpec | CarriedSpec) -> AnyRays:
-        """Returns rays with the gain that the sensor asks for, if it asks for one."""
+        """Returns rays with the gain that the sensor asks for, or the light that weather adds."""
+        if self.weather is not None and self.scattered:
+            return WeatherSpec.of(rays, self.weather)
         return LambertSpec(rays, rays.ends) if self.lambert else rays
 
     def light(self, transfer: Transfer, spectrum: Spectrum) -> Light:
         """Returns the float64 twin of what reaches the camera at some frequencies."""
-        return Light(self.air, self.sources, spectrum, transfer)
+        weather = self.weather if self.scattered else None
+        return Light(self.air, self.sources, spectrum, transfer, weather)
 
     def attenuated(self) -> Attenuated:
         """Returns how light is attenuated in the float64 twin."""
@@ -264,6 +271,7 @@ class NonIsothermalAir(_CubeAir):
             self.setup.sent,
             self.cube.motion(taken.times_s),
             self.setup.settled.cutoff,
+            self.setup.weather,
             passes * self.cube.segments(ends, _camera(taken.geometry)),
         )
 
@@ -275,7 +283,9 @@ class NonIsothermalAir(_CubeAir):
     def twin(self, spectrum: Spectrum) -> Light:
         """Returns the float64 twin of what reaches the camera at some frequencies."""
         if self.setup.sources.air_emits:
-            return self.setup.light(Emitted(self.setup.air.temperature_k), spectrum)
+            weather, nodes = self.setup.weather, spectrum.nodes_hz.array
+            veil = None if weather is None else Values.of(weather.extinction(nodes))
+            return self.setup.light(Emitted(self.setup.air.temperature_k, veil), spectrum)
         return self.setup.light(self.setup.attenuated(), spectrum)
 
 

@@ -26,6 +26,7 @@ STAGES = (
     "path-emission",
     *KINDS,
     "sky",
+    "scattering",
     "outgoing-path",
     "optics",
     "noise",
@@ -51,6 +52,7 @@ def stages(plan: Plan, figure: bool = True) -> list[Stage]:
     for spec in plan.specs():
         for name, words in spec.describe().items():
             found[name].append(words)
+    found["scattering"] += [LeftOut(one.calm) for one in plan.variants if one.calm]
     drawn = Work("", "a picture of every variant") if figure else LeftOut("not asked for")
     found["figure"] = [drawn]
     return [_stage(plan, name, words) for name, words in found.items()]

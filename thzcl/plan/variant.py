@@ -11,9 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from thzcl import files
+from thzcl.air import weather
 from thzcl.air.expansion import ExpansionSpec, TrimmedSpec, possible
 from thzcl.air.mean import NOWHERE, Air, Span
 from thzcl.air.radiometry import LIGHT_SPEED
+from thzcl.air.scattering import mean_transmission
+from thzcl.air.weather import Weather
 from thzcl.error.budget import ErrorSpec, LatticeErrorSpec, SamplingSpec
 from thzcl.error.rays import FineWalkSpec, WalkSpec
 from thzcl.errors import ScenarioError
@@ -44,6 +47,8 @@ from thzcl.turbulence.fields import AnyField, CubeSpec, FieldSpec, NotesSpec, Sa
 from thzcl.turbulence.orientation import ROTATIONS
 
 Array = NDArray[np.float64]
+SCATTERED_K = 1e-3  # what weather adds to rays is left out where it is less everywhere
+SCATTERED_RAYS = 48  # of which that is estimated
 
 
 @dataclass(frozen=True)
@@ -74,6 +79,7 @@ class PlannedVariant:
     longest_m: float = field(compare=False)
     visible_m: float = field(compare=False)
     sample: SampledRays = field(compare=False)
+    calm: str = field(compare=False)  # why no weather adds light to rays; empty if it does
 
     def specs(self) -> tuple[Spec | None, ...]:
         """Returns the specs that a run evaluates, in order, with None for those not needed."""
@@ -116,8 +122,12 @@ class _Planner:
             self.air.refuse_beyond(None, NOWHERE, NOWHERE)
             self.needs = self._asked()
             self.spectrum: Spectrum = spectrum(self.needs)
-            self.air.refuse_beyond(self.spectrum.nodes_hz.array, NOWHERE, NOWHERE)
+            nodes = self.spectrum.nodes_hz.array
+            self.air.refuse_beyond(nodes, NOWHERE, NOWHERE)
+            self.air = self.air.without_nothing(nodes)
+        self._refuse_above_layers()
         self.sources = self._sources(self.air)
+        compared = {model: air.without_nothing(nodes) for model, air in compared.items()}
         self.rivals = rivals(compared, self.spectrum)
         asked = {one.air: self.spectrum.only(one.planes) for one in self.rivals if one.planes}
         with files_refused(scenario):
@@ -135,8 +145,8 @@ class _Planner:
             rays = optics.sampling(self.needs.optics, plain, self.pixel_rad, nodes, two_way=two_way)
             frame = Values.of(camera.camera_frame(self.scene.camera, rays))
             self.shape = replace(self.shape, raster=rays, frame=frame)
-        if isinstance(self.sources, radiance.Emission) and self.sources.behind is not None:
-            ceiling_m = surfaces_sky.ceiling_m(self.scene, self.air)
+        if isinstance(self.sources, radiance.Emission):
+            ceiling_m = self._ceiling_m(self.sources)
             things = replace(self.shape.things, ceiling_m=ceiling_m)
             self.shape = replace(self.shape, things=things)
         self.sample: SampledRays = sampled_rays(self.shape)
@@ -157,6 +167,41 @@ class _Planner:
             )
             text = f"[sensor] optics.aperture_m: {found}, and makes no beam; widen it"
             raise ScenarioError([f"{self.scenario.name}: {text}"])
+
+    def _ceiling_m(self, sources: radiance.Emission) -> float:
+        """Returns the height at which rays that meet nothing leave the scene's air, m."""
+        if sources.behind is not None:
+            return surfaces_sky.ceiling_m(self.scene, self.air)
+        return surfaces_sky.layer_top_m(self.air)
+
+    def _refuse_above_layers(self) -> None:
+        """Raises ScenarioError where camera or things stand above the top of a layer of the air."""
+        top_m, highest_m = surfaces_sky.layer_top_m(self.air), surfaces_sky.highest_m(self.scene)
+        if top_m <= highest_m:
+            words = f"a layer of the air ends at {top_m:g} m, but the scene reaches {highest_m:g} m"
+            remedy = "raise layer_top_m or bring the scene down"
+            raise ScenarioError([f"{self.scenario.name}: [atmosphere]: {words}; {remedy}"])
+
+    def _weather(self, air: Air, spectrum: Spectrum) -> Weather | None:
+        """Returns what falls in some air, if it adds to what is seen of it."""
+        if not isinstance(self.sources, radiance.Emission):
+            return None
+        if not weather.falls(air, spectrum.nodes_hz.array):
+            return None
+        above = sky.above(self.scenario, self.scene, air)
+        return surfaces_sky.weather_of(self.scene, air, above)
+
+    def _most_scattered_k(self, air: Air, spectrum: Spectrum, falling: Weather) -> float:
+        """Returns about the most that weather adds to any ray, K, in absolute value."""
+        hz, rays = spectrum.nodes_hz.array, self.sample
+        some = np.linspace(0, len(rays.length) - 1, min(len(rays.length), SCATTERED_RAYS))
+        some = np.unique(some.astype(int))
+        sine, length = rays.direction[some, 2], rays.length[some]
+        height = self.shape.frame.array[0, 2] + sine * length / 2
+        depth = air.absorption(hz)[:, None] * length
+        added = falling.source(hz, sine, height) * length * mean_transmission(depth)
+        unit = spectrum.planes(self.sources.per_unit(hz))
+        return float((np.abs(spectrum.planes(added)).max(axis=1) / unit).max())
 
     def _asked(self) -> Needs:
         """Returns what the sensor needs."""
@@ -248,7 +293,26 @@ class _Planner:
             lambert,
             lambert or self.needs.slant,
             self.targets,
+            *self._in(self.air, self.split.parts),
         )
+
+    def _calm(self, setup: Setup) -> str:
+        """Returns why no weather adds light to rays, or nothing if it does."""
+        if setup.scattered:
+            return ""
+        if not weather.falls(self.air, self.spectrum.nodes_hz.array):
+            return "nothing falls through the air"
+        if setup.weather is None:
+            return "active sensor: only echoes are seen"
+        most = self._most_scattered_k(self.air, self.split.parts, setup.weather)
+        return f"what falls adds at most {most:.1g} K to any ray"
+
+    def _in(self, air: Air, spectrum: Spectrum) -> tuple[Weather | None, bool]:
+        """Returns what falls in some air, and whether the light that it adds is followed."""
+        falling = self._weather(air, spectrum)
+        if falling is None:
+            return None, False
+        return falling, self._most_scattered_k(air, spectrum, falling) >= SCATTERED_K
 
     def _visible_m(self) -> float:
         """Returns the length of a ray in mean air down to the cut-off depth, m."""
@@ -288,7 +352,15 @@ class _Planner:
     def _compared(self, setup: Setup, cube: AnyField | None, one: Rival) -> ComparedSpec:
         """Returns what reaches the pixels by a model to compare with, at the planes it holds."""
         split, sources = self.split.only(one.planes), self._sources(one.air)
-        its = replace(setup, air=one.air, spectrum=split.parts, sources=sources)
+        falling, scattered = self._in(one.air, split.parts)
+        its = replace(
+            setup,
+            air=one.air,
+            spectrum=split.parts,
+            sources=sources,
+            weather=falling,
+            scattered=scattered,
+        )
         air = self._air(its, cube)
         spec = ComparedSpec(
             one.model,
@@ -355,6 +427,7 @@ class _Planner:
             float(self.sample.length.max()),
             self._visible_m(),
             self.sample,
+            self._calm(setup),
         )
 
     def _refuse_beyond(self, humidity_span: Span, temperature_span: Span) -> None:

@@ -14,7 +14,8 @@ from thzcl.graph import LeftOut, Memory, Spec, Values, Work, frozen
 from thzcl.sensing import optics
 from thzcl.sensing.exposures import Beam
 from thzcl.sensing.spectrum import Split
-from thzcl.sensing.transfer import AnyRays, Rays, on_raster
+from thzcl.sensing.transfer import Rays, on_raster
+from thzcl.sensing.weather import AnyRays
 from thzcl.surfaces.camera import Raster
 from thzcl.surfaces.ends import EndsSpec, OutgoingSpec, RayEnds
 from thzcl.surfaces.radiance import Sources

@@ -194,6 +194,3 @@ def lambert_gain(cosine: Array, length_m: Array) -> Array:
     Lambert's law: cos / (pi r^2), by the `cosine` between ray and normal.
     """
     return np.asarray(cosine / (np.pi * length_m**2))
-
-
-AnyRays = ShadeSpec | CarriedSpec | LambertSpec

@@ -9,10 +9,11 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from thzcl.air import composition, radiometry, sky
+from thzcl.air import composition, radiometry, sky, weather
 from thzcl.air.mean import Air
 from thzcl.air.profile import Profile
 from thzcl.air.sky import Column
+from thzcl.air.weather import Weather
 from thzcl.scenario.scene import Box, Scene
 
 Array = NDArray[np.float64]
@@ -47,6 +48,15 @@ class Sky:
     knee = 0.5
     dip = 1.0
 
+    @property
+    def weather(self) -> Weather:
+        """Returns what falls under this sky."""
+        if self.floor is None:
+            return Weather(self.column.air, self.column)
+        floor = self.floor
+        of_ground = floor.temperature_k, floor.reflectivity, floor.around_k
+        return Weather(self.column.air, self.column, *of_ground)
+
     def contrast(self, frequency_hz: Array, elevation: Array, air_k: float) -> Array:
         """Returns what is seen from the scene's own height, (frequency, direction)."""
         del air_k
@@ -56,6 +66,8 @@ class Sky:
         """Returns what is seen from some heights, (frequency, direction)."""
         found = np.empty((len(frequency_hz), len(elevation)))
         heights, up = np.broadcast_to(height_m, elevation.shape), elevation >= 0
+        if weather.falls(self.column.air, frequency_hz):
+            return self.weather.seen(frequency_hz, elevation, np.maximum(heights, 0.0))
         found[:, up] = sky.seen_above(self.column, frequency_hz, elevation[up], heights[up])[0]
         down = -elevation[~up]
         found[:, ~up] = sky.seen_below(
@@ -133,6 +145,17 @@ class Behind:
         start, end = sky.EARTH_M + self.camera_m, sky.EARTH_M + end_m
         turned = np.minimum((start * elevation + length) / end, 1.0)
         return self.sky.seen(frequency_hz, np.where(elevation >= 0, turned, elevation), end_m)
+
+
+def weather_of(scene: Scene, air: Air, above: Sky | None) -> Weather:
+    """Returns what falls in a scene, under its sky if it has one."""
+    if above is not None:
+        return above.weather
+    ground, environment = scene.ground, scene.background.environment
+    if ground is None or ground.temperature_k is None:
+        return Weather(air)
+    around_k = None if environment in ("air", "sky") else enclosure_k(scene)
+    return Weather(air, None, ground.temperature_k, ground.reflectivity, around_k)
 
 
 def sky_of(scene: Scene, air: Air, profile: Profile) -> Sky:
