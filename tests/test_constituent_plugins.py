@@ -272,8 +272,8 @@ def test_a_broken_one_is_told_by_list_and_doctor(thzcl_command, tmp_path):
 
 
 def test_exit_codes_of_broken_constituents(thzcl_command, tmp_path):
-    """4 for what it does, 2 for what it is not meant for."""
-    for number, (given, code) in enumerate((("np.nan", 4), ("1e-3, 1e-3", 2), ("1e-3", 0))):
+    """4 for what it does, as answer no number, or scatter without a phase function."""
+    for number, (given, code) in enumerate((("np.nan", 4), ("1e-3, 1e-3", 4), ("1e-3", 0))):
         body = ODD.replace("absorption=1e-3", given)
         folder = tmp_path / str(number)
         folder.mkdir()

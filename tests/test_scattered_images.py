@@ -21,6 +21,14 @@ SPECTRAL = {"kind": "passive-spectral", "frequency_ghz": [94.0, 220.0, 650.0]}
 SKY = {"sky": {"profile": "us-standard"}, "background__environment": "sky"}
 
 
+@pytest.fixture(autouse=True)
+def nothing_remembered():
+    """What tests make of rain is no other test's."""
+    yield
+    for function in (weather._kinds, weather._solve):  # noqa: SLF001
+        function.cache_clear()
+
+
 def image(folder, **changes):
     return run(folder, scene(**{"camera__pixels": [8, 6], "sensor": SPECTRAL, **changes}))
 
@@ -52,7 +60,7 @@ def test_what_is_left_of_contrast_over_64_m(tmp_path, table, kelvin, factor):
         for name, one in table.items()
     }
     changes = {
-        "atmosphere": {"temperature_k": kelvin, "vapour_pressure_hpa": 5.0, "model": "none"},
+        "atmosphere": {"temperature_k": kelvin, "relative_humidity_percent": 50.0, "model": "none"},
         "ground": None,
         "background__temperature_k": kelvin + 20.0,
         "background__max_range_m": 64.0,
@@ -68,14 +76,13 @@ def test_what_is_left_of_contrast_over_64_m(tmp_path, table, kelvin, factor):
 @pytest.mark.parametrize("sensor", [SPECTRAL, ACTIVE, BROAD])
 def test_nothing_that_falls_is_nothing_at_all(tmp_path, sensor):
     """Bit for bit, also below the top of a layer that there is not."""
-    plain = image(tmp_path, sensor=sensor)
     table = MOIST | {"rain": {"rate_mm_h": 0.0, "layer_top_m": 1.0}, "snow": {"rate_mm_h": 0.0}}
     data = scene(camera__pixels=[8, 6], sensor=sensor, atmosphere=table)
     none = run(tmp_path, data)
     plain = run(tmp_path, scene(camera__pixels=[8, 6], sensor=sensor, atmosphere=MOIST))
     assert np.array_equal(none.variants[0].image.values, plain.variants[0].image.values)
-    plans = [pipeline.prepare(write(tmp_path, one)) for one in (data,)]
-    told = {stage.name: stage for stage in report.stages(plans[0])}
+    plan = pipeline.prepare(write(tmp_path, data))
+    told = {stage.name: stage for stage in report.stages(plan)}
     assert not told["scattering"].needed
 
 
@@ -84,16 +91,17 @@ def test_without_scattering_it_is_an_absorber(tmp_path, monkeypatch):
     from thzcl.air.constituents import rain
     from thzcl.constituent import OpticalProperties
 
-    def grey(self, frequency_hz, *_):
+    def grey(self, frequency_hz, *_):  # noqa: ARG001
         return OpticalProperties(np.full(np.shape(frequency_hz), 2e-3))
 
-    def split(self, frequency_hz, *_):
+    def split(self, frequency_hz, *_):  # noqa: ARG001
         zero = np.zeros(np.shape(frequency_hz))
         kelvin = np.full(zero.shape, 290.0)
         return OpticalProperties(zero + 2e-3, zero, temperature_k=kelvin)
 
     found = []
     for optics in (grey, split):
+        weather._kinds.cache_clear()  # noqa: SLF001
         monkeypatch.setattr(rain.Rain, "optics", optics)
         pipeline_air = MOIST | {"temperature_k": 290.0, **RAIN}
         found.append(image(tmp_path, atmosphere=pipeline_air).variants[0].sight.contrast)
@@ -133,20 +141,22 @@ def test_a_level_ray_lacks_what_the_sky_does_not_send(monkeypatch, top_m, length
     monkeypatch.setattr(
         weather, "_bounds", lambda *_: scattering.Bounds(space, np.zeros(1), np.zeros(1))
     )
-    weather._solve.cache_clear()
     one = Weather(air({}, kelvin))
     source = one.source(hz, np.array([-1e-9]), np.zeros(1))
-    weather._solve.cache_clear()
     depth = (k_e + 0.35 * per_m) * length_m
     added = source[0, 0] * length_m * scattering.mean_transmission(depth)[0]
     found = radiometry.brightness_temperature_contrast(hz, np.array([added]), kelvin)[0]
     assert -found == pytest.approx(deficit, rel=0.01)
 
 
-def test_drops_at_the_wet_bulb_take_what_is_told(tmp_path):
-    """0.20 and 0.06 K at 650 GHz, 10 mm/h over 64 m at 50 and 80 % of 20 degrees Celsius."""
+def test_drops_at_the_wet_bulb_take_what_is_told():
+    """0.20 and 0.06 K at 650 GHz, 10 mm/h over 64 m at 50 and 80 % of 20 degrees Celsius.
+
+    That is for the law as printed, which comes to 8.54 dB/km; scaled to its rate it is 7.34.
+    """
     hz = np.array([650e9])
-    for percent, due in ((50.0, 0.20), (80.0, 0.06)):
+    for percent, printed in ((50.0, 0.20), (80.0, 0.06)):
+        due = printed * 7.34 / 8.54
         vapour = 17.27 * percent / 100 * 1.0  # g/m3 at 293.15 K
         one = air(RAIN, 293.15, "mpm93", vapour)
         kind = weather.falling(one, hz)[0]
@@ -154,7 +164,7 @@ def test_drops_at_the_wet_bulb_take_what_is_told(tmp_path):
         depth = one.absorption(hz) * 64.0
         added = kind.absorption * own * 64.0 * scattering.mean_transmission(depth)
         found = radiometry.brightness_temperature_contrast(hz, added, 293.15)[0]
-        assert -found == pytest.approx(due, abs=0.02)
+        assert -found == pytest.approx(due, abs=0.006)
 
 
 @pytest.mark.parametrize(
@@ -204,7 +214,7 @@ def test_compared_models_see_the_same_rain(tmp_path):
 
 def test_what_would_not_show_is_left_out(tmp_path):
     """Below a millikelvin: light rain as warm as the air at 650 GHz, over 30 m."""
-    faint = {"rain": {"rate_mm_h": 0.01, "temperature_k": 290.0}}
+    faint = {"rain": {"rate_mm_h": 0.0005, "temperature_k": 290.0}}
     atmosphere = {"temperature_k": 290.0, "relative_humidity_percent": 50.0} | faint
     sensor = {"kind": "passive-spectral", "frequency_ghz": 650.0}
     found = image(tmp_path, atmosphere=atmosphere, sensor=sensor)

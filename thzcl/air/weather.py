@@ -1,4 +1,4 @@
-"""What falls through the air: light that rain, fog and snow scatter into rays and emit, on the host.
+"""What falls through the air: light that rain, fog and snow scatter into rays, and emit.
 
 Along a ray of depth tau and length d, what falls adds
 
@@ -31,7 +31,7 @@ from thzcl.graph import frozen
 Array = NDArray[np.float64]
 
 ORDERS = 2 * scattering.DIRECTIONS + 1  # moments of a phase function
-SINES, HEIGHTS = 33, 5  # nodes of a look-up above the horizon, as many below, and in height
+SINES, HEIGHTS = 65, 9  # nodes of a look-up above the horizon, as many below, and in height
 THINNEST = 0.01  # depth of layers beside the ground and a top
 COARSE_M, GROWTH = 50.0, 0.2  # of layers: the thickest below 1 km, and how fast they grow
 LEVEL = 1e-6  # sine of the lowest elevation that is looked up
