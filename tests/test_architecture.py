@@ -36,7 +36,7 @@ KNOWN = {
     "constituent": {"air", "scenario"},  # its contract offers tables, and spheres by Mie
     "metrics": {"air", "sensing"},
     "pipeline": set(ROOMS) - {"records", "commands"},
-    "__init__": {"device", "results", "scenario"},
+    "__init__": {"device", "results", "scenario", "studies"},
     "__main__": {"commands"},
 }
 MOST_LOOSE = 10

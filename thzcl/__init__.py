@@ -22,14 +22,16 @@ if _TYPE_CHECKING:
     from thzcl.pipeline import run
     from thzcl.results.result import Result
     from thzcl.scenario.source import Scene
+    from thzcl.studies.many.study import study
 
-__all__ = ["Result", "Scene", "open_device", "run"]
+__all__ = ["Result", "Scene", "open_device", "run", "study"]
 
 _HOMES = {
     "Result": "thzcl.results.result",
     "Scene": "thzcl.scenario.source",
     "open_device": "thzcl.device.choose",
     "run": "thzcl.pipeline",
+    "study": "thzcl.studies.many.study",
 }
 
 

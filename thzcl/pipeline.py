@@ -100,8 +100,24 @@ def compute_images(plan: Plan, device: Device, clock: Clock, *, figure: bool = F
     too small, and NumbersError if a sensor fails.
     """
     checks.memory(plan, device)
-    before = device.counters.segments
     batches = evaluate((plan.batch(n) for n in range(plan.realizations)), device, clock)
+    return images_of(plan, batches, device, clock, figure=figure)
+
+
+def images_of(
+    plan: Plan,
+    batches: Iterator[tuple[Any, ...]],
+    device: Device,
+    clock: Clock,
+    *,
+    figure: bool = False,
+) -> Result:
+    """Returns the images of a plan, made of the values of its batches, which are computed here.
+
+    `batches` may be an evaluation that goes on with other plans. Raises NumbersError if a sensor
+    fails.
+    """
+    before = device.counters.segments
     first = [_Made.of(v, values) for v, values in _by_variant(plan, next(batches))]
     result = _result(plan, device, first, clock, figure)
     pairs = zip(plan.variants, first, strict=True)

@@ -21,6 +21,7 @@ COMMANDS = (
     "plan",
     "absorption",
     "fluctuations",
+    "study",
     "convergence",
     "stress",
     "bench",
@@ -35,12 +36,20 @@ COMMANDS = (
     "doctor",
 )
 COMPLETION = "_THZCL_COMPLETE"  # of the environment, in which a shell's completion asks
+LOCAL = "local"  # the address of a cluster that is started here; typer has no optional values
 # What typer raises for a command line that makes no sense.
 USAGE_ERROR: Any = typer.BadParameter.__base__
 
 
 class Command(TyperCommand):
     """A command whose help is printed as it is written."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Reads a command line, on which `--dask` may stand without an address."""
+        following = [*args[1:], ""]
+        pairs = zip(args, following, strict=True)
+        filled = [f"{a}={LOCAL}" if a == "--dask" and "://" not in b else a for a, b in pairs]
+        return super().parse_args(ctx, filled)
 
     def format_help(self, ctx: Any, formatter: Any) -> None:
         """Writes the help; "[sensor]" in it is no markup."""

@@ -82,9 +82,22 @@ def make_plan(scenario: Scenario) -> Plan:
     Raises ScenarioError if a file cannot be used or a sensor cannot work with the scene, and
     PluginFailure if a sensor fails.
     """
-    variants = [plan_variant(scenario, variant) for variant in scenario.variants]
+    variants = tuple(plan_variant(scenario, variant) for variant in scenario.variants)
+    return join([Plan(scenario, variants)])[0]
+
+
+def join(plans: Iterable[Plan]) -> list[Plan]:
+    """Returns plans in whose graphs paths that are alike are one path, as in `joined`."""
+    plans = list(plans)
+    variants = (variant for plan in plans for variant in plan.variants)
     together = iter(joined(spec for variant in variants for spec in wanted(variant)))
-    return Plan(scenario, tuple(one.with_specs(_all(one, together)) for one in variants))
+    return [
+        replace(
+            plan,
+            variants=tuple(one.with_specs(_all(one, together)) for one in plan.variants),
+        )
+        for plan in plans
+    ]
 
 
 def _all(variant: PlannedVariant, new: Iterable[Spec]) -> list[Spec | None]:

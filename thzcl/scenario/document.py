@@ -5,7 +5,7 @@ from __future__ import annotations
 import secrets
 from collections.abc import Iterable, Mapping, Sequence
 from copy import deepcopy
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -161,6 +161,37 @@ def read(
     name = name.encode("utf-8", "surrogateescape").decode("utf-8", "replace")
     lines = {} if tables else line_numbers(text)
     return Document(name, label, folder, data, lines, changed, made)
+
+
+def changed(
+    document: Document, settings: Mapping[str, Any], variants: Mapping[str, Mapping[str, Any]]
+) -> Document:
+    """Returns a document with dotted keys set, in each of the named variants those of its own.
+
+    Raises ScenarioError if a key cannot be set.
+    """
+    data = deepcopy(document.data)
+    reasons = _change_all(data, settings)
+    if any(reasons.values()):
+        raise ScenarioError([f"--set {name}: {why}" for name, why in reasons.items() if why])
+    for entry in data.get("variants", ()):
+        entry["set"] = entry.get("set", {}) | variants.get(entry.get("name"), {})
+    paths = document.settings | frozenset(map(_split, settings))
+    return replace(document, data=data, settings=paths)
+
+
+def by_variant(document: Document) -> dict[str, dict[str, Any]]:
+    """Returns the data of each variant by name, its keys set; without variants one, named "".
+
+    What is wrong with them is found when they are parsed, and not here.
+    """
+    base = {name: table for name, table in document.data.items() if name != "variants"}
+    found = {}
+    for entry in document.data.get("variants", ()) or [{"name": ""}]:
+        data = deepcopy(base)
+        _change_all(data, deepcopy(entry.get("set", {})))
+        found[entry.get("name", "")] = data
+    return found
 
 
 def _fill_seeds(data: dict[str, Any], seed: int) -> None:

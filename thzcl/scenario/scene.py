@@ -289,6 +289,25 @@ class Output(Table):
         return [Trouble(("limits",), text)]
 
 
+class StudyTable(Table):
+    """What `thzcl study` varies; other commands take no notice of it."""
+
+    over: dict[str, Any] = key(
+        {},
+        help='keys and their values, a list or "start:stop:step", as in '
+        '{ "targets.box.range_m" = "20:60:10" }; "a,b" = [[1, 2], [3, 4]] changes two together',
+    )
+    seeds: int | None = key(
+        None, ge=1, le=1_000_000, help="airs, and noise, of each setting; none: the scene's own"
+    )
+    keep: Literal["numbers", "images"] = key(
+        "numbers", help="whether a member's file holds its numbers alone, or its images too"
+    )
+    keep_pixels: bool = key(
+        False, help="the focal length follows range_m, so that targets cover as many pixels"
+    )
+
+
 class SensorChoice(Table):
     """The sensor's kind; the other keys belong to that sensor."""
 
@@ -312,6 +331,7 @@ class Scene(Table):
     )
     numerics: Numerics = key(Numerics(), help="how the numbers are computed")
     output: Output = key(Output(), help="what the result file holds beyond the images")
+    study: StudyTable | None = key(None, help="what `thzcl study` varies")
 
     def troubles(self) -> list[Trouble]:  # noqa: D102 (Table's)
         found = []

@@ -1,0 +1,52 @@
+"""A result as rows of numbers: one for each variant, frequency, model and target."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+from thzcl.results.contents import Contents, ModelResult, VariantResult
+from thzcl.results.summary import target_table
+from thzcl.sensor import Echoes, Radiances
+
+KEYS = ("variant", "frequency_ghz", "model", "target")
+METRICS = (
+    *("pixels", "mean_contrast_k", "std_k", "optical_depth", "transmission"),
+    *("snr", "netd_k", "cnr", "contrast_db"),
+)
+
+
+def rows(result: Contents, model: str) -> list[dict[str, Any]]:
+    """Returns a row for each variant, frequency, model and target that pixels show.
+
+    `model` is the name of the images' own. A row holds KEYS, then METRICS at that frequency; what
+    an image tells (`snr`, `netd_k`, `cnr`, `contrast_db`) is the same at all of its frequencies,
+    and None for models that are compared.
+    """
+    found = []
+    for variant in result.variants:
+        for one in variant.by_model(model):
+            whole: VariantResult | ModelResult = variant if one.sight is variant.sight else one
+            for number, hz in enumerate(one.sight.frequency_hz):
+                seen = replace(whole, sight=at_frequency(one.sight, number))
+                for target, values in target_table(seen, result.targets).items():
+                    named = (variant.name, float(hz) / 1e9, one.name, target)
+                    found.append(dict(zip(KEYS, named, strict=True)) | values)
+    return found
+
+
+def at_frequency(sight: Radiances | Echoes, number: int) -> Radiances | Echoes:
+    """Returns what reached the pixels at one of several frequencies or bands."""
+    if len(sight.frequency_hz) == 1:
+        return sight
+    one = slice(number, number + 1)
+    changes: dict[str, Any] = {
+        "frequency_hz": sight.frequency_hz[one],
+        "optical_depth": sight.optical_depth[one],
+        "weights": None if sight.weights is None else sight.weights[one],
+    }
+    if isinstance(sight, Echoes):
+        return replace(sight, **changes, returned=sight.returned[one])
+    return replace(
+        sight, **changes, contrast=sight.contrast[one], air_radiance=sight.air_radiance[one]
+    )

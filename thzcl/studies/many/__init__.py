@@ -1,0 +1,1 @@
+"""Studies of many scenes: a grid of settings, seeds and variants, one file a member."""
