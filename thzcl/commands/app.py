@@ -46,7 +46,7 @@ class Command(TyperCommand):
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         """Reads a command line, on which `--dask` may stand without an address."""
-        following = [*args[1:], ""]
+        following = [*args[1:], ""][: len(args)]
         pairs = zip(args, following, strict=True)
         filled = [f"{a}={LOCAL}" if a == "--dask" and "://" not in b else a for a, b in pairs]
         return super().parse_args(ctx, filled)

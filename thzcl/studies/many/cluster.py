@@ -141,11 +141,11 @@ def on_worker(
     study: Study, group: range, wanted: tuple[int, ...], folder: Path, device: str | None
 ) -> list[Record]:
     """Returns the records of some members of a group, computed by this process's own device."""
-    return list(members(study, group, wanted, folder, _opened(device)))
+    return list(members(study, group, wanted, folder, opened(device)))
 
 
 @cache
-def _opened(choice: str | None) -> Device:
+def opened(choice: str | None) -> Device:
     """Returns the device of this worker, opened once.
 
     What is kept of built kernels lies on this machine's own disk, apart for each kind of processor:
