@@ -1,4 +1,4 @@
-"""Studies on the workers of a Dask cluster: the same numbers, whoever computes them or is killed."""
+"""Studies on the workers of a Dask cluster: the same numbers, whoever is killed meanwhile."""
 
 from __future__ import annotations
 
