@@ -59,21 +59,17 @@ FILES = {
         r"bad\.dat:3: column 10: 10 names of columns and 0 units; expected as many",
     ),
     "truncated row": (
-        text(lambda line, n: line if n < 3000 else line[:40]),
-        r"bad\.dat:3000: column \d+: \d columns, expected the header's 10; a row cut short\?",
-    ),
-    "wrong delimiter": (
-        text(lambda line, _: line.replace(",", ";")),
+        text(lambda line, n: line if n < 2900 else line[:40] + "\n"),
         (
-            r"bad\.dat:2: column 1: expected names of columns with commas between them; "
-            r"found semicolons"
+            r"bad\.dat:2900: column \d+: \d columns, expected the header's 10, here and in 100 "
+            r"other rows; rows cut short\?"
         ),
     ),
     "comma decimals": (
         text(lambda line, n: line.replace(".", ",") if n > 4 else line),
         (
-            r"bad\.dat:5: column 10: 1\d columns, expected the header's 10; "
-            r"a comma for a decimal point\?"
+            r"bad\.dat:5: column 10: 1\d columns, expected the header's 10, here and in \d+ other "
+            r"rows; a comma for a decimal point\?"
         ),
     ),
     "words": (
@@ -95,15 +91,15 @@ FILES = {
     "wrong unit": (
         text(lambda line, n: line.replace('"g/m^3"', '"kg/m^3"') if n == 3 else line),
         (
-            r"bad\.dat:5: column h2o: a mean of 9.\d+ g/m3|"
-            r"bad\.dat:5: column h2o: a mean of \d+ g/m3 .* is its unit right\?"
+            r"bad\.dat:5: column h2o: 2996 of 2996 values cannot be of air in kg/m\^3, such as "
+            r"8.78811 here: is its unit right\? In g/m3 or"
         ),
     ),
     "no humidity": (
         text(lambda line, n: line.replace('"h2o"', '"ch4"') if n == 2 else line),
         (
-            r"bad\.dat:2: expected a column of water vapour \(h2o\) in g/m3 or mmol/m3; "
-            r"there are TIMESTAMP"
+            r"bad\.dat:2: expected a column of water vapour \(h2o\) in g/m3 or mmol/m3, as a mole "
+            r"fraction, a mixing ratio or relative humidity; there are TIMESTAMP"
         ),
     ),
     "too short": (
@@ -117,10 +113,27 @@ FILES = {
             r"expected ascending"
         ),
     ),
-    "stamps of whole seconds": (
-        text(lambda line, n: re.sub(r"(:\d\d)\.\d+\"", r'\1"', line) if n > 4 else line),
-        r"bad\.dat:\d+: (column TIMESTAMP: )?\d+ time stamps repeat",
+    "minutes for a rate": (
+        text(
+            lambda line, n: (
+                re.sub(r"12:(\d\d):(\d\d)\.?\d*", r"12:\1:\2", line)
+                if n < 5
+                else cell(
+                    line, 0, f'"2012-06-{1 + n // 1000:02d} {n // 60 % 24:02d}:{n % 60:02d}:00"'
+                )
+            )
+        ),
+        r"samples a second; expected 0.5 to 100: .*Means over minutes hold no turbulence",
     ),
+    "Campbell binary": (
+        b'"TOB1","6843","CR3000"' + bytes(range(256)),
+        r"bad\.dat:1: Campbell binary \(TOB\), not text; convert it to TOA5 with LoggerNet",
+    ),
+    "NetCDF": (
+        b"\x89HDF" + bytes(200),
+        r"bad\.dat:1: HDF5 or NetCDF, not text; write it as CSV",
+    ),
+    "broken gzip": (b"\x1f\x8b\x08" + bytes(60), r"bad\.dat: a broken gzip file .*copy it again"),
 }
 
 
@@ -132,6 +145,15 @@ def test_each_bad_file_has_its_message(tmp_path, case):
         study([tmp_path / "bad.dat"], output=tmp_path / "out")
     assert "\n" not in str(caught.value)
     assert not (tmp_path / "out").exists()
+
+
+def test_all_problems_of_a_header_are_told_at_once(tmp_path):
+    (tmp_path / "bad.csv").write_text("h2o\n" + "9.1\n" * 2000)
+    with pytest.raises(RecordError) as caught:
+        study([tmp_path / "bad.csv"])
+    time, wind = caught.value.problems
+    assert "expected a column of time stamps; there are h2o" in time and "--rate-hz" in time
+    assert "expected columns of wind" in wind and "--columns Ux=NAME,Uy=NAME or speed=NAME" in wind
 
 
 ARRAYS = {
@@ -154,13 +176,13 @@ ARRAYS = {
         lambda c: {"time_s": np.where(c["time_s"] < 75, c["time_s"], c["time_s"] + 200)},
         r"bad\.csv:1502: column time_s: \d+ of \d+ samples are missing",
     ),
-    "no inertial range": (
-        lambda _: {"h2o_g_m3": 9 + 0.1 * np.random.default_rng(1).standard_normal(3000)},
-        r"bad\.csv: humidity: expected an inertial range",
+    "a slow logger": (
+        lambda c: {"time_s": c["time_s"] * 1000},
+        r"0.02 samples a second; expected 0.5 to 100: is its time in ms\?",
     ),
-    "a sine": (
-        lambda c: {"h2o_g_m3": 9 + np.sin(c["time_s"])},
-        r"bad\.csv: humidity: expected an inertial range",
+    "negative": (
+        lambda c: {"h2o_g_m3": -c["h2o_g_m3"]},
+        r"bad\.csv:2: column h2o_g_m3: 3000 of 3000 values cannot be of air in g/m3",
     ),
 }
 
@@ -171,6 +193,26 @@ def test_each_unusable_signal_has_its_message(tmp_path, plain, case):
     path = write_csv(tmp_path / "bad.csv", plain | change(plain))
     with pytest.raises(RecordError, match=expected):
         study([path])
+
+
+@pytest.mark.parametrize(
+    "signal",
+    [
+        lambda _: 9 + 0.1 * np.random.default_rng(1).standard_normal(3000),
+        lambda time: 9 + np.sin(time),
+    ],
+    ids=["white noise", "a sine"],
+)
+def test_a_sound_signal_without_an_inertial_range_has_a_slope_and_no_constant(
+    tmp_path, plain, signal
+):
+    path = write_csv(tmp_path / "a.csv", plain | {"h2o_g_m3": signal(plain["time_s"])})
+    found = study([path])
+    assert found["structure_constant_q"] is found["outer_scale_m"] is None
+    assert np.isfinite([found["slope"], found["slope_uncertainty"]]).all()
+    assert any("no inertial range" in note for note in found["notes"])
+    with pytest.raises(RecordError, match="no scene without a structure constant"):
+        study([path], scene=tmp_path / "scene.toml")
 
 
 @pytest.mark.parametrize(

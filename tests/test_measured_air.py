@@ -26,8 +26,10 @@ def test_the_scene_has_the_measured_air(written):
     assert air["absolute_humidity_g_m3"] == pytest.approx(found["mean_g_m3"], rel=1e-3)
     assert air["temperature_k"] == pytest.approx(found["mean_temperature_k"], abs=0.01)
     assert air["pressure_hpa"] == pytest.approx(found["pressure_hpa"], abs=0.1)
-    for key in ("structure_constant_q", "structure_constant_t", "correlation_tq", "outer_scale_m"):
+    for key in ("structure_constant_q", "structure_constant_t", "outer_scale_m"):
         assert air["fluctuations"][key] == pytest.approx(found[key], rel=1e-3)
+    inertial = found["correlation_tq_inertial"]  # and not that of all scales
+    assert air["fluctuations"]["correlation_tq"] == pytest.approx(inertial, rel=1e-3)
     assert "of station 6843" in text and RECORD.name in text and "2012-06-07 12:45:00" in text
 
 

@@ -219,9 +219,11 @@ def test_the_record_is_told_as_the_command_tells_it(thzcl_json):
         f"slope of {found['slope']:.2f} +- {found['slope_uncertainty']:.2f}",
         f"C_q^2 = {found['structure_constant_q']:.3f} g^2",
         f"says {found['structure_constant_q_from_structure_function']:.3f}, ",
-        f"{-found['agreement_percent']:.0f} % less",
+        f"{found['agreement_percent']:+.1f} %",
+        f"sweeping speed of {found['sweeping_speed_m_s']:.2f} m/s",
         f"by {found['sigma_percent']:.1f} % of its mean",
-        f"correlation of {found['correlation_tq']:.2f}",
+        f"correlation of {found['correlation_tq']:.2f} to temperature",
+        f"{found['correlation_tq_inertial']:.2f} in the inertial range",
     ):
         assert part in page
 

@@ -79,7 +79,12 @@ class RangeError(ThzclError, ValueError):
 
 
 class RecordError(ThzclError):
-    """A hygrometer's record cannot be read or analysed."""
+    """A hygrometer's record cannot be read or analysed. Each problem is one line."""
+
+    @property
+    def problems(self) -> tuple[str, ...]:
+        """Returns the message, one line for each problem."""
+        return tuple(str(self).splitlines())
 
 
 class PluginError(ThzclError):

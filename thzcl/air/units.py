@@ -49,6 +49,8 @@ UNITS: Mapping[str, Mapping[str, Worth]] = {
         (("Pa",), 1e-2, 0.0),
         (("kPa",), 10.0, 0.0),
         (("mmHg", "torr", "Torr"), 1013.25 / 760, 0.0),
+        (("bar",), 1e3, 0.0),
+        (("atm",), 1013.25, 0.0),
     ),
     "1/m": _spelled(
         (("1/m", "m-1"), 1.0, 0.0),
@@ -75,11 +77,34 @@ UNITS: Mapping[str, Mapping[str, Worth]] = {
     "1/m3/mm": _spelled(
         (("1/m3/mm", "m-3mm-1", "mm-1m-3", "1/(m3mm)"), 1.0, 0.0), (("1/m4", "m-4"), 1e-3, 0.0)
     ),
-    "m/s": _spelled((("m/s", "ms-1"), 1.0, 0.0), (("cm/s", "cms-1"), 0.01, 0.0)),
+    "mol/mol": _spelled(
+        (("mmol/mol", "mmolmol-1", "ppt", "ppth", "permil"), 1e-3, 0.0),
+        (("umol/mol", "umolmol-1", "\N{GREEK SMALL LETTER MU}mol/mol", "ppm", "ppmv"), 1e-6, 0.0),
+        (("mol/mol", "molmol-1"), 1.0, 0.0),
+        (("nmol/mol", "nmolmol-1", "ppb", "ppbv"), 1e-9, 0.0),
+    ),
+    "kg/kg": _spelled(
+        (("g/kg", "gkg-1"), 1e-3, 0.0),
+        (("kg/kg", "kgkg-1", "g/g"), 1.0, 0.0),
+        (("mg/kg", "mgkg-1"), 1e-6, 0.0),
+    ),
+    "%": _spelled((("%", "percent", "pct", "%RH"), 1.0, 0.0)),
+    "m/s": _spelled(
+        (("m/s", "ms-1", "m/sec", "mps"), 1.0, 0.0),
+        (("cm/s", "cms-1"), 0.01, 0.0),
+        (("mm/s", "mms-1"), 1e-3, 0.0),
+        (("km/h", "kmh-1", "kmh", "kph"), 1 / 3.6, 0.0),
+        (("kn", "knots", "kt"), 1852 / 3600, 0.0),
+        (("mph",), 0.44704, 0.0),
+    ),
     "s": _spelled(
-        (("s", "sec", "second", "seconds", "ts"), 1.0, 0.0),
-        (("ms",), 1e-3, 0.0),
-        (("ns",), 1e-9, 0),
+        (("s", "sec", "secs", "second", "seconds", "ts"), 1.0, 0.0),
+        (("ms", "msec", "millisecond", "milliseconds"), 1e-3, 0.0),
+        (("us", "microseconds"), 1e-6, 0.0),
+        (("ns", "nanoseconds"), 1e-9, 0.0),
+        (("min", "minute", "minutes"), 60.0, 0.0),
+        (("h", "hour", "hours", "hr"), 3600.0, 0.0),
+        (("d", "day", "days"), 86400.0, 0.0),
     ),
 }
 

@@ -6,295 +6,497 @@ Time becomes distance along the wind by Taylor's hypothesis of frozen air.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from thzcl.errors import RecordError
-from thzcl.records import inertial
-from thzcl.records.inertial import Binned, Inertial
-from thzcl.records.record import SLOWEST_M_S, SPIKES, Record
+from thzcl.records import cross, inertial, structure, surface
+from thzcl.records.batches import (
+    MOST_FILLED,
+    Batch,
+    Spectra,
+    batches_of,
+    block_spectra,
+    filled,
+    pooled,
+    structure_functions,
+    unevenness,
+)
+from thzcl.records.inertial import Fit, Inertial
+from thzcl.records.record import SLOWEST_M_S, Record
+from thzcl.records.spectrum import CORRELATION, Binned, binned
+from thzcl.records.spikes import SPIKES
+from thzcl.records.structure import Fitted
 from thzcl.turbulence.spectra import KOLMOGOROV
 
 Array = NDArray[np.float64]
 
-BATCH_S = 3600.0  # the paper's: an hour
-MOST_FILLED = 0.1  # of a batch's samples; a batch with more gaps is left out
-SMOOTHED_OVER = 5  # points of a periodogram, as in the paper
-LAGS = 60
 GUSTY = 0.5  # turbulence intensity above which Taylor's hypothesis is doubtful
 VON_KARMAN_VARIANCE = (  # of C^2 L0^(2/3): 2 pi KOLMOGOROV B(3/2, 1/3)
     2 * math.pi * KOLMOGOROV * math.gamma(1.5) * math.gamma(1 / 3) / math.gamma(11 / 6)
 )
-
-
-@dataclass(frozen=True)
-class Batch:
-    """An hour of a record, or all of a shorter one, without trend.
-
-    `humidity` (n,) in g/m3 and `temperature` (n,) in K are NaN in gaps, which are filled for the
-    spectra. `frequency` is spatial, in cycles/m; densities are one-sided, in (g/m3)^2 m and K^2 m.
-    """
-
-    wind_speed_m_s: float
-    humidity: Array
-    temperature: Array | None
-    frequency: Array
-    density: Array
-    temperature_density: Array | None
-    filled: int
-
-    @property
-    def smoothed(self) -> tuple[Array, Array]:
-        """Returns spatial frequency and density, averaged over five neighbouring points."""
-        mean = np.ones(SMOOTHED_OVER) / SMOOTHED_OVER
-        return self.frequency[SMOOTHED_OVER // 2 : -(SMOOTHED_OVER // 2)], np.convolve(
-            self.density, mean, "valid"
-        )
+# Thirds differ by more than chance: probability of the blocks' scatter, and ratio, at least; or
+# the ratio alone.
+BY_CHANCE, UNLIKE, CLEARLY_UNLIKE = 0.01, 2.0, 4.0
+STEADY_PARTS = 6  # of a batch: five minutes of half an hour (Foken and Wichura 1996)
 
 
 @dataclass(frozen=True)
 class Analysis:
-    """The statistics of a record; units are g/m3, K, m and cycles/m."""
+    """The statistics of a record; units are g/m3, K, m and cycles/m.
+
+    `uncertainty` holds one standard deviation by JSON key; what there is not is None.
+    """
 
     record: Record
     batches: tuple[Batch, ...]
-    spectrum: Binned
+    spectra: Spectra
     inertial: Inertial
-    structure: tuple[Array, Array]  # separations and structure function of humidity
-    structure_constant: float
-    structure_range_m: tuple[float, float]
-    temperature: Inertial | None
+    by_separation: tuple[Array, Array]  # separations and structure function of humidity
+    fitted: Fitted
+    temperature: Fit | None
+    together: cross.Together | None
     correlation: float | None
     integral_scale_m: float
-    outer_scale_m: float
+    outer_scale_m: float | None
     left_out: int  # batches
+    thirds: tuple[float | None, ...]
+    steady: bool
+    surface: surface.Surface | None
+    height_m: float | None
+    uncertainty: dict[str, float] = field(default_factory=dict)
+    of_batches: tuple[dict[str, Any], ...] = ()
+
+    @property
+    def spectrum(self) -> Binned:
+        """Returns humidity's spectrum in bins."""
+        return self.spectra.humidity
+
+    @property
+    def structure_constant_t(self) -> float | None:
+        """Returns C_T^2 in K^2 m^-2/3, or None."""
+        if self.temperature is None or self.inertial.structure_constant is None:
+            return None
+        return float(self.temperature.level / inertial.ONE_SIDED_CYCLES)
+
+    @property
+    def sweeping_speed_m_s(self) -> float:
+        """Returns the mean speed at which gusty wind carries the air past, as batches have it."""
+        return float(np.mean([b.sweeping_speed_m_s for b in self.batches]))
 
     def as_json(self) -> dict[str, Any]:
         """Returns what `thzcl fluctuations --format json` prints."""
-        record, constant = self.record, self.inertial.structure_constant
-        mean, sigma = float(np.nanmean(record.humidity)), float(np.nanstd(record.humidity))
         return {
-            "records": list(record.files),
-            "samples": record.samples,
-            "rate_hz": record.rate_hz,
-            "duration_s": record.samples / record.rate_hz,
-            "gaps": record.gaps,
-            "spikes": sum(record.spikes.values()),
-            "spikes_by_column": record.spikes,
-            "spike_thresholds": [
-                {"median_of": window, "typical_steps": threshold} for window, threshold in SPIKES
-            ],
-            "repeats": record.repeats,
-            "out_of_order": record.out_of_order,
-            "filled_in_spectra": sum(batch.filled for batch in self.batches),
+            **_of_record(self.record),
             "batches": len(self.batches),
             "batches_left_out": self.left_out,
-            "wind_speed_m_s": record.wind_speed_m_s,
-            "wind_run_m": record.wind_speed_m_s * record.samples / record.rate_hz,
+            "filled_in_spectra": sum(batch.filled for batch in self.batches),
+            "sweeping_speed_m_s": self.sweeping_speed_m_s,
+            **self._moments(),
+            **self._constants(),
+            **self._temperature(),
+            "integral_scale_m": self.integral_scale_m,
+            "outer_scale_m": self.outer_scale_m,
+            **self._surface(),
+            "stationarity_percent": _unsteadiness(self.record, self.batches),
+            "coherence": cross.coherence(self.spectra),
+            "uncertainty": self.uncertainty,
+            "batch_statistics": list(self.of_batches),
+            "notes": [*self.record.notes, *self._doubts()],
+        }
+
+    def _moments(self) -> dict[str, Any]:
+        """Returns mean and sigma: over all, and within batches, before detrending."""
+        humidity = self.record.humidity
+        mean, sigma = float(np.nanmean(humidity)), float(np.nanstd(humidity))
+        within = [float(np.nanvar(humidity[batch.part])) for batch in self.batches]
+        return {
             "mean_g_m3": mean,
             "sigma_g_m3": sigma,
             "sigma_percent": 100 * sigma / mean,
-            "slope": self.inertial.slope,
-            "slope_uncertainty": self.inertial.slope_uncertainty,
-            "inertial_range_cycles_per_m": list(self.inertial.limits),
+            "sigma_within_g_m3": math.sqrt(float(np.mean(within))),
+        }
+
+    def _constants(self) -> dict[str, Any]:
+        """Returns slope, range and structure constants of humidity."""
+        found, constant = self.inertial, self.inertial.structure_constant
+        by_function = self.fitted.constant
+        both = constant is not None and by_function is not None
+        return {
+            "slope": found.slope,
+            "slope_uncertainty": found.slope_uncertainty,
+            "inertial_range_cycles_per_m": list(found.limits) if constant is not None else None,
             "structure_constant_q": constant,
-            "structure_constant_q_from_structure_function": self.structure_constant,
-            "structure_function_range_m": list(self.structure_range_m),
-            "agreement_percent": 100 * (self.structure_constant / constant - 1),
-            "noise_g2_per_m5": self.inertial.noise,
-            "mean_temperature_k": None
-            if record.temperature is None
-            else float(np.nanmean(record.temperature)),
-            "sigma_temperature_k": None
-            if record.temperature is None
-            else float(np.nanstd(record.temperature)),
-            "pressure_hpa": record.pressure_hpa,
-            "structure_constant_t": None
-            if self.temperature is None
-            else self.temperature.structure_constant,
+            "structure_constant_q_thirds": list(self.thirds),
+            "structure_constant_q_from_structure_function": by_function,
+            "structure_function_range_m": list(self.fitted.limits or ()) or None,
+            "agreement_percent": 100 * (by_function / constant - 1) if both else None,  # type: ignore[operator]
+            "noise_g2_per_m5": found.noise,
+        }
+
+    def _temperature(self) -> dict[str, Any]:
+        """Returns what is of temperature, and of temperature and humidity together."""
+        kelvin, both = self.record.temperature, self.together
+        return {
+            "mean_temperature_k": None if kelvin is None else float(np.nanmean(kelvin)),
+            "sigma_temperature_k": None if kelvin is None else float(np.nanstd(kelvin)),
+            "pressure_hpa": self.record.pressure_hpa,
+            "structure_constant_t": self.structure_constant_t,
             "correlation_tq": self.correlation,
-            "integral_scale_m": self.integral_scale_m,
-            "outer_scale_m": self.outer_scale_m,
-            "notes": [*record.notes, *self._doubts()],
+            "correlation_tq_inertial": both.correlation if both else None,
+            "c_tq": both.constant if both else None,
+        }
+
+    def _surface(self) -> dict[str, Any]:
+        """Returns height, friction velocity, Obukhov length and stability."""
+        length = None if self.surface is None else self.surface.obukhov_length_m
+        over = length is not None and self.height_m is not None
+        return {
+            "height_m": self.height_m,
+            "friction_velocity_m_s": self.surface and self.surface.friction_velocity_m_s,
+            "obukhov_length_m": length,
+            "z_over_l": self.height_m / length if over else None,  # type: ignore[operator]
         }
 
     def _doubts(self) -> Iterator[str]:
         """Yields what speaks against trusting the figures."""
-        intensity = (
-            float(np.sqrt(np.nanvar(self.record.wind, axis=1).sum())) / self.record.wind_speed_m_s
-        )
+        record, found = self.record, self.inertial
+        intensity = float(np.sqrt(np.nanvar(record.wind, axis=1).sum())) / record.wind_speed_m_s
         if intensity > GUSTY:
             yield (
-                f"the wind's fluctuations are {100 * intensity:.0f} % of its mean: "
-                "Taylor's hypothesis is doubtful"
+                f"the wind's fluctuations are {100 * intensity:.0f} % of its mean: Taylor's "
+                "hypothesis is doubtful; constants are taken with the sweeping speed of "
+                f"{self.sweeping_speed_m_s:.3g} m/s, and not with {record.wind_speed_m_s:.3g}"
             )
-        difference = self.structure_constant / self.inertial.structure_constant - 1
-        if abs(difference) > 0.2:
+        if found.reason:
+            yield f"no inertial range was found, and so no structure constant: {found.reason}"
+            yield from _other_columns(record)
+        elif found.steepens:
             yield (
-                f"the structure function's C_q^2 is {100 * difference:+.0f} % off the spectrum's: "
-                "trust neither to less"
+                f"the spectrum steepens above {found.steepens:.2g} cycles/m, as of a slow sensor, "
+                "a tube, or air without smaller eddies: the inertial range ends there"
             )
+        elif found.roll_m:
+            delay = found.roll_m / (2 * math.pi * self.sweeping_speed_m_s)
+            yield (
+                f"the response is slow, as of a tube or a sensor of {delay:.2g} s: "
+                "it is in the fit, and the inertial range ends where it costs 20 %"
+            )
+        if not found.reason and self.fitted.reason:
+            yield f"no structure constant of the structure function: {self.fitted.reason}"
+        yield from self._unlike()
+
+    def _unlike(self) -> Iterator[str]:
+        """Yields notes on what does not agree: two estimates, thirds, scale and height."""
+        constant, by_function = self.inertial.structure_constant, self.fitted.constant
+        if constant and by_function and abs(by_function / constant - 1) > 0.2:
+            yield (
+                f"the structure function's C_q^2 is {100 * (by_function / constant - 1):+.0f} % "
+                "off the spectrum's: trust neither to less"
+            )
+        if not self.steady:
+            thirds = ", ".join("none" if t is None else f"{t:.3g}" for t in self.thirds)
+            yield (
+                f"the record is not stationary: C_q^2 of its thirds is {thirds}; "
+                "the constant is their mean over time"
+            )
+        if self.height_m and self.outer_scale_m:
+            ratio = self.outer_scale_m / self.height_m
+            if not 0.4 <= ratio <= 3:
+                yield (
+                    f"the outer scale is {ratio:.2g} heights, where 0.4 to 3 are usual: "
+                    "large eddies are in it that do not touch the ground"
+                )
 
 
-def analyse(record: Record) -> Analysis:
-    """Returns the statistics of a record.
+def _of_record(record: Record) -> dict[str, Any]:
+    """Returns what was read, and what was found wrong with it."""
+    return {
+        "records": list(record.files),
+        "columns": list(record.columns),
+        "samples": record.samples,
+        "rate_hz": record.rate_hz,
+        "duration_s": record.samples / record.rate_hz,
+        "gaps": record.gaps,
+        "masked_by_column": record.masked,
+        "spikes": sum(record.spikes.values()),
+        "spikes_by_column": record.spikes,
+        "spike_thresholds": [
+            {"samples": samples, "typical_steps": threshold} for samples, threshold in SPIKES
+        ],
+        "repeats": record.repeats,
+        "out_of_order": record.out_of_order,
+        "wind_speed_m_s": record.wind_speed_m_s,
+        "wind_run_m": record.wind_speed_m_s * record.samples / record.rate_hz,
+    }
 
-    Sigma is taken before the trend is removed, structure constants and correlation after it.
-    Raises RecordError if gaps leave no batch, or if no inertial range is found.
+
+def _other_columns(record: Record) -> Iterator[str]:
+    """Yields a note on other columns of humidity that might do."""
+    if record.others:
+        names = " or ".join(record.others)
+        yield (
+            f"another column may have an inertial range: {names}; "
+            f"try --columns h2o={record.others[0]}"
+        )
+
+
+def analyse(
+    record: Record, batch_minutes: float | None = None, height_m: float | None = None
+) -> Analysis:
+    """Returns the statistics of a record in batches of an hour, or of as many minutes.
+
+    Sigma is taken before the trend is removed, structure constants and correlation after it. With
+    the sensor's `height_m`, no spatial frequency below 1/height is taken for inertial. Raises
+    RecordError if gaps leave no batch.
     """
-    place = f"{record.files[0]}: humidity"
-    batches, left_out = _batches(record)
+    batches, left_out = batches_of(record, batch_minutes)
     if not batches:
         raise RecordError(
-            f"{place}: of {left_out} batches none has fewer than {MOST_FILLED:.0%} of gaps "
-            f"and a wind of {SLOWEST_M_S:g} m/s; expected one"
+            f"{record.files[0]}: humidity: of {left_out} batches none has fewer than "
+            f"{MOST_FILLED:.0%} of gaps and a wind of {SLOWEST_M_S:g} m/s; expected one"
         )
-    spectrum = inertial.binned(
-        *(np.concatenate([getattr(b, name) for b in batches]) for name in ("frequency", "density"))
-    )
-    found = inertial.find(spectrum, place)
-    separation, structure = _structure(batches, record.rate_hz)
-    highest = record.rate_hz / 2 / float(np.mean([batch.wind_speed_m_s for batch in batches]))
-    constant, limits = inertial.structure_fit(separation, structure, found, highest)
-    variance = float(np.mean([np.nanvar(batch.humidity) for batch in batches]))
-    return Analysis(
+    scatter, lowest = unevenness(batches), 1 / height_m if height_m else 0.0
+    spectra, nyquist = pooled(batches), _nyquist(batches)
+    found = _found(spectra.humidity, nyquist, scatter, lowest)
+    separation, by_lag = structure_functions(batches)
+    fitted = structure.fit(separation, by_lag, found, spectra.humidity, nyquist)
+    temperature = None
+    if spectra.temperature is not None and found.structure_constant is not None:
+        temperature = inertial.like(spectra.temperature, found, scatter)
+    both = cross.together(spectra, found, temperature) if temperature else None
+    of_blocks = [list(block_spectra(batch)) for batch in batches]
+    thirds, steady = _thirds(of_blocks, found)
+    scales = [_integral_scale(batch) for batch in batches]
+    analysis = Analysis(
         record=record,
         batches=batches,
-        spectrum=spectrum,
+        spectra=spectra,
         inertial=found,
-        structure=(separation, structure),
-        structure_constant=constant,
-        structure_range_m=limits,
-        temperature=_temperature(batches, found),
-        correlation=_correlation(batches),
-        integral_scale_m=float(
-            np.mean([_integral_scale(batch, record.rate_hz) for batch in batches])
-        ),
-        outer_scale_m=float((variance / (VON_KARMAN_VARIANCE * found.structure_constant)) ** 1.5),
+        by_separation=(separation, by_lag),
+        fitted=fitted,
+        temperature=temperature,
+        together=both,
+        correlation=cross.correlation(batches),
+        integral_scale_m=float(np.mean(scales)),
+        outer_scale_m=_outer_scale(batches, found),
         left_out=left_out,
+        thirds=thirds,
+        steady=steady,
+        surface=_fluxes(record, batches),
+        height_m=height_m,
+        of_batches=tuple(_of_batches(record, batches, of_blocks, found, lowest)),
     )
+    analysis.uncertainty.update(_uncertainties(analysis, of_blocks, scatter))
+    return analysis
 
 
-def _batches(record: Record) -> tuple[tuple[Batch, ...], int]:
-    """Returns batches of one length, and how many were left out for their gaps or want of wind."""
-    number = max(1, int(record.samples / record.rate_hz // BATCH_S))
-    length = record.samples // number
-    found = []
-    for start in range(0, number * length, length):
-        part = slice(start, start + length)
-        wind = (
-            np.linalg.norm(np.nanmean(record.wind[:, part], axis=1))
-            if np.isfinite(record.wind[:, part]).any()
-            else 0.0
-        )
-        signals = [
-            record.humidity[part],
-            *([] if record.temperature is None else [record.temperature[part]]),
-        ]
-        if wind >= SLOWEST_M_S and all(
-            np.isnan(signal).mean() <= MOST_FILLED for signal in signals
-        ):
-            found.append(_batch(signals, float(wind), record.rate_hz))
-    return tuple(found), number - len(found)
+def _nyquist(batches: Sequence[Batch]) -> float:
+    """Returns half the sampling rate in cycles/m."""
+    return batches[0].rate_hz / 2 / float(np.mean([b.sweeping_speed_m_s for b in batches]))
 
 
-def _batch(signals: list[Array], wind: float, rate_hz: float) -> Batch:
-    """Returns the batch of humidity and, if it is among the signals, temperature."""
-    plain = [_detrended(signal) for signal in signals]
-    spectra = [_periodogram(filled(signal), rate_hz) for signal in plain]
-    frequency_hz, density = spectra[0]
-    return Batch(
-        wind_speed_m_s=wind,
-        humidity=plain[0],
-        temperature=plain[1] if len(plain) > 1 else None,
-        frequency=frequency_hz / wind,
-        density=density * wind,
-        temperature_density=spectra[1][1] * wind if len(plain) > 1 else None,
-        filled=int(np.isnan(plain[0]).sum()),
-    )
+def _found(spectrum: Binned, nyquist: float, scatter: float, lowest: float) -> Inertial:
+    """Returns the inertial range of a spectrum, without C^2 where there is none."""
+    found = inertial.find(spectrum, nyquist, scatter, lowest)
+    return found if found is not None else inertial.none(spectrum, nyquist, scatter)
 
 
-def _detrended(signal: Array) -> Array:
-    """Returns a signal less the line of least squares through the samples that are there."""
-    time = np.linspace(-1, 1, len(signal))
-    there = np.isfinite(signal)
-    time, level = time - time[there].mean(), signal[there].mean()
-    slope = np.sum(time[there] * (signal[there] - level)) / np.sum(time[there] ** 2)
-    return np.asarray(signal - level - slope * time)
-
-
-def filled(signal: Array) -> Array:
-    """Returns a signal with straight lines across its gaps.
-
-    Only spectra and autocorrelations take it, since they need all samples.
-    """
-    there = np.isfinite(signal)
-    if there.all():
-        return signal
-    at = np.arange(len(signal))
-    return np.interp(at, at[there], signal[there])
-
-
-def _periodogram(signal: Array, rate_hz: float) -> tuple[Array, Array]:
-    """Returns frequencies in Hz and one-sided density per Hz of a signal under a Hann window.
-
-    Frequency zero and Nyquist's are left out.
-    """
-    window = 0.5 - 0.5 * np.cos(2 * np.pi * np.arange(len(signal)) / len(signal))
-    spectrum = np.fft.rfft(window * (signal - signal.mean()))[1 : (len(signal) + 1) // 2]
-    frequency_hz = np.arange(1, len(spectrum) + 1) * rate_hz / len(signal)
-    return frequency_hz, 2 * np.abs(spectrum) ** 2 / (rate_hz * np.sum(window**2))
-
-
-def _structure(batches: tuple[Batch, ...], rate_hz: float) -> tuple[Array, Array]:
-    """Returns separations in m, and the mean squared differences of samples so far apart.
-
-    The mean is over all batches' pairs of samples of which neither is missing.
-    """
-    lags = np.unique(np.geomspace(1, len(batches[0].humidity) // 4, LAGS).astype(int))
-    rows = np.empty((len(batches), len(lags)))
-    for batch, row in zip(batches, rows, strict=True):
-        for at, lag in enumerate(lags):
-            row[at] = np.nanmean((batch.humidity[lag:] - batch.humidity[:-lag]) ** 2)
-    # Batches of other wind have their lags at other separations: D / r^(2/3) varies least between
-    # them.
-    winds = np.array([batch.wind_speed_m_s for batch in batches])
-    separation = winds.mean() * lags / rate_hz
-    scaled = rows / (winds[:, None] * lags / rate_hz) ** (2 / 3)
-    return separation, scaled.mean(axis=0) * separation ** (2 / 3)
-
-
-def _temperature(batches: tuple[Batch, ...], humidity: Inertial) -> Inertial | None:
-    """Returns the fit to temperature's spectrum, with humidity's range and outer scale."""
-    densities = [
-        batch.temperature_density for batch in batches if batch.temperature_density is not None
-    ]
-    if not densities:
+def _outer_scale(batches: Sequence[Batch], found: Inertial) -> float | None:
+    """Returns the outer scale in m that gives von Karman air of this C^2 its variance."""
+    if found.structure_constant is None:
         return None
-    spectrum = inertial.binned(
-        np.concatenate([batch.frequency for batch in batches]), np.concatenate(densities)
-    )
-    return inertial.within(spectrum, humidity.limits, humidity.bend)
+    variance = float(np.mean([np.nanvar(batch.humidity) for batch in batches]))
+    return float((variance / (VON_KARMAN_VARIANCE * found.structure_constant)) ** 1.5)
 
 
-def _correlation(batches: tuple[Batch, ...]) -> float | None:
-    """Returns the correlation of temperature and humidity over all samples that have both."""
-    q = np.concatenate([batch.humidity for batch in batches])
-    if batches[0].temperature is None:
-        return None
-    t = np.concatenate([batch.temperature for batch in batches if batch.temperature is not None])
-    both = np.isfinite(q) & np.isfinite(t)
-    return float(np.corrcoef(q[both], t[both])[0, 1])
+def _integral_scale(batch: Batch) -> float:
+    """Returns the integral of the autocorrelation up to its first zero, in m along the wind."""
+    from scipy import fft
 
-
-def _integral_scale(batch: Batch, rate_hz: float) -> float:
-    """Returns the integral of the autocorrelation up to its first zero, in m."""
     signal = filled(batch.humidity)
-    size = 2 ** math.ceil(math.log2(2 * len(signal)))
-    covariance = np.fft.irfft(np.abs(np.fft.rfft(signal, size)) ** 2)[: len(signal)]
+    size = fft.next_fast_len(2 * len(signal))
+    covariance = fft.irfft(np.abs(fft.rfft(signal, size)) ** 2, size)[: len(signal)]
     zero = int(np.argmax(covariance < 0)) or len(signal)
-    return float(np.sum(covariance[:zero]) / covariance[0] - 0.5) * batch.wind_speed_m_s / rate_hz
+    steps = float(np.sum(covariance[:zero]) / covariance[0] - 0.5)
+    return steps * batch.wind_speed_m_s / batch.rate_hz
+
+
+def _fluxes(record: Record, batches: Sequence[Batch]) -> surface.Surface | None:
+    """Returns friction velocity and Obukhov length, where all components and Ts are there."""
+    if len(record.wind) < 3 or record.sonic is None:
+        return None
+    return surface.fluxes(
+        [record.wind[:, b.part] for b in batches], [record.sonic[b.part] for b in batches]
+    )
+
+
+def _unsteadiness(record: Record, batches: Sequence[Batch]) -> float:
+    """Returns the non-stationarity of humidity's variance in per cent (Foken and Wichura 1996).
+
+    It is the difference between the mean variance within sixths of a batch and the batch's, over
+    the batch's, equation 1 there; below 30 % is taken for steady. The mean of batches is told.
+    """
+    found = []
+    for batch in batches:
+        whole = record.humidity[batch.part]
+        parts = [np.nanvar(p) for p in np.array_split(whole, STEADY_PARTS) if np.isfinite(p).any()]
+        found.append(abs(float(np.mean(parts)) / float(np.nanvar(whole)) - 1))
+    return 100 * float(np.mean(found))
+
+
+def _levels(blocks: Sequence[Spectra], found: Inertial) -> Array:
+    """Returns C^2 of humidity of each block."""
+    levels = np.array([inertial.level_of(block.humidity, found) for block in blocks])
+    return np.asarray(levels[np.isfinite(levels)])
+
+
+def _thirds(
+    of_blocks: Sequence[Sequence[Spectra]], found: Inertial
+) -> tuple[tuple[float | None, ...], bool]:
+    """Returns C^2 of the record's thirds, and whether they differ by no more than chance."""
+    from scipy import stats
+
+    levels = _levels([block for blocks in of_blocks for block in blocks], found)
+    if found.structure_constant is None or len(levels) < 6:
+        return (None, None, None), True
+    parts = np.array_split(levels, 3)
+    means = [float(np.mean(part)) for part in parts]
+    if min(means) <= 0:
+        return tuple(mean if mean > 0 else None for mean in means), False
+    ratio = max(means) / min(means)
+    floor = 1e-3 * float(np.mean(levels))
+    logs = [np.log(np.maximum(part, floor)) for part in parts]
+    chance = float(stats.f_oneway(*logs).pvalue)
+    steady = ratio < CLEARLY_UNLIKE and not (chance < BY_CHANCE and ratio > UNLIKE)
+    return tuple(means), steady
+
+
+def _spread(values: Sequence[Sequence[float] | Array]) -> float:
+    """Returns the standard deviation of the mean of all values, each batch's about its own mean."""
+    own = [np.asarray(v, dtype=np.float64) for v in values]
+    own = [v[np.isfinite(v)] for v in own]
+    own = [v for v in own if len(v) > 2]
+    if not own:
+        return math.nan
+    total = sum(len(v) for v in own)
+    return math.sqrt(sum(len(v) * float(np.var(v, ddof=1)) for v in own)) / total
+
+
+def _uncertainties(
+    analysis: Analysis, of_blocks: Sequence[Sequence[Spectra]], scatter: float
+) -> dict[str, float]:
+    """Returns one standard deviation by JSON key: by the scatter of blocks, twelve to a batch.
+
+    A constant's grows by what floor, bend and roll-off cost, which are held in the blocks.
+    """
+    found, told = analysis.inertial, {"slope": analysis.inertial.slope_uncertainty}
+    humidity = [analysis.record.humidity[b.part] for b in analysis.batches]
+    runs = [len(h) / analysis.record.rate_hz * b.wind_speed_m_s
+            for h, b in zip(humidity, analysis.batches, strict=True)]  # fmt: skip
+    # Lenschow, Mann and Kristensen (1994): var(mean) = 2 I sigma^2 / run, sd(sigma) = sigma
+    # sqrt(I / (2 run)) of a Gaussian signal with an exponential correlation.
+    share = analysis.integral_scale_m / sum(runs)
+    sigma = math.sqrt(float(np.mean([np.nanvar(h) for h in humidity])))
+    told |= {"mean_g_m3": sigma * math.sqrt(2 * share), "sigma_g_m3": sigma * math.sqrt(share / 2)}
+    if found.structure_constant is None:
+        return told
+    growth = _growth(analysis.spectrum, found, scatter)
+    told["structure_constant_q"] = growth * _spread([_levels(b, found) for b in of_blocks])
+    told |= _of_function(analysis)
+    if analysis.temperature is not None:
+        told |= _of_temperature(analysis, of_blocks, growth)
+    return {key: value for key, value in told.items() if math.isfinite(value)}
+
+
+def _growth(spectrum: Binned, found: Inertial, scatter: float) -> float:
+    """Returns by how much a constant's uncertainty grows by what is fitted with it."""
+    part = spectrum.part(*found.fitted)
+    share = found.fixed.line(part.frequency) / found.fixed.density(part.frequency)
+    alone = math.sqrt(CORRELATION * scatter / float(np.sum(part.count * share**2)))
+    return max(1.0, found.level_uncertainty / alone)
+
+
+def _of_function(analysis: Analysis) -> dict[str, float]:
+    """Returns the uncertainty of the structure function's constant, by blocks at its middle lag."""
+    if analysis.fitted.constant is None or analysis.fitted.limits is None:
+        return {}
+    middle = math.sqrt(analysis.fitted.limits[0] * analysis.fitted.limits[1])
+    rows = []
+    for batch in analysis.batches:
+        lag = max(round(middle * batch.rate_hz / batch.sweeping_speed_m_s), 1)
+        row = []
+        for part, sweep in batch.blocks():
+            if part.stop - part.start > lag:
+                step = structure.differences(batch.humidity[part], [lag])[0]
+                row.append(step / (sweep * lag / batch.rate_hz) ** (2 / 3))
+        rows.append(row)
+    return {"structure_constant_q_from_structure_function": _spread(rows)}
+
+
+def _of_temperature(
+    analysis: Analysis, of_blocks: Sequence[Sequence[Spectra]], growth: float
+) -> dict[str, float]:
+    """Returns the uncertainties of what is of temperature, by blocks."""
+    found, fit = analysis.inertial, analysis.temperature
+    assert fit is not None  # noqa: S101 (as the caller has it)
+    warm = inertial.as_inertial(found, fit)
+    levels, pairs = [], []
+    for blocks in of_blocks:
+        own = [block for block in blocks if block.temperature is not None]
+        levels.append([inertial.level_of(b.temperature, warm) for b in own if b.temperature])
+        pairs.append([cross.together(block, found, fit) for block in own])
+    constants = [[p.constant for p in row if p] for row in pairs]
+    shares = [[p.correlation for p in row if p and p.correlation is not None] for row in pairs]
+    return {
+        "structure_constant_t": growth * _spread(levels),
+        "c_tq": growth * _spread(constants),
+        "correlation_tq_inertial": _spread(shares),
+    }
+
+
+def _of_batches(
+    record: Record,
+    batches: Sequence[Batch],
+    of_blocks: Sequence[Sequence[Spectra]],
+    found: Inertial,
+    lowest: float,
+) -> Iterator[dict[str, Any]]:
+    """Yields the statistics of each batch: constants by the shape found for all, own slopes."""
+    for batch, blocks in zip(batches, of_blocks, strict=True):
+        humidity, start = (
+            record.humidity[batch.part],
+            record.start + batch.part.start / record.rate_hz,
+        )
+        own = found
+        if len(batches) > 1:
+            spectrum = binned(batch.frequency, batch.density)
+            own = _found(spectrum, _nyquist([batch]), unevenness([batch]), lowest)
+        seconds = (batch.part.stop - batch.part.start) / record.rate_hz
+        kelvin = record.temperature
+        fluxes = _fluxes(record, [batch])
+        yield {
+            "start": f"{datetime.fromtimestamp(start, UTC):%Y-%m-%dT%H:%M:%S}"
+            if record.dated
+            else start,
+            "duration_s": seconds,
+            "mean_g_m3": float(np.nanmean(humidity)),
+            "sigma_g_m3": float(np.nanstd(humidity)),
+            "structure_constant_q": own.structure_constant,
+            "structure_constant_q_uncertainty": None
+            if own.structure_constant is None
+            else _spread([_levels(blocks, own)]),
+            "slope": own.slope,
+            "slope_uncertainty": own.slope_uncertainty,
+            "wind_speed_m_s": batch.wind_speed_m_s,
+            "sweeping_speed_m_s": batch.sweeping_speed_m_s,
+            "mean_temperature_k": None if kelvin is None else float(np.nanmean(kelvin[batch.part])),
+            "friction_velocity_m_s": fluxes and fluxes.friction_velocity_m_s,
+            "obukhov_length_m": fluxes and fluxes.obukhov_length_m,
+            "gaps": int(np.isnan(humidity).sum()),
+        }

@@ -108,9 +108,7 @@ def _spectra(analysis: Analysis, figure: Any) -> None:
     """Draws spectrum and structure function with their lines, as in the paper's figure 4."""
     left, right = figure.subplots(1, 2, width_ratios=(3, 2))
     found, batch = analysis.inertial, analysis.batches[0]
-    left.loglog(
-        batch.frequency, batch.density, color="0.8", lw=0.5, label="periodogram, Hann window"
-    )
+    left.loglog(batch.frequency, batch.density, color="0.8", lw=0.5, label="five sine tapers")
     left.loglog(*batch.smoothed, color="C0", lw=0.7, label="moving average of 5 points")
     left.loglog(
         analysis.spectrum.frequency,
@@ -120,28 +118,38 @@ def _spectra(analysis: Analysis, figure: Any) -> None:
         color="k",
         label="means in bins",
     )
-    ends = np.array(found.limits)
-    left.loglog(
-        ends,
-        found.line(ends),
-        color="C3",
-        lw=2,
-        label=f"-5/3, C_q² = {found.structure_constant:.3g} g² m⁻⁶ m⁻²ᐟ³",
-    )
-    slope = f"inertial range, slope {found.slope:.3f} ± {found.slope_uncertainty:.3f}"
-    left.axvspan(*found.limits, color="C3", alpha=0.07, lw=0, label=slope)
-    left.set_ylim(
-        max(batch.smoothed[1].min() / 10, float(found.line(ends)[1]) * LOWEST),
-        batch.density.max() * 3,
-    )
+    fitted = np.geomspace(*found.fitted, 200)
+    if found.structure_constant is None:
+        told = f"no inertial range, slope {found.slope:.3f} ± {found.slope_uncertainty:.3f}"
+        left.loglog(fitted, found.fixed.density(fitted), color="C3", lw=1.5, ls=":", label=told)
+    else:
+        _inertial(analysis, left, fitted)
+    low = float(found.fixed.density(fitted).min()) * LOWEST
+    left.set_ylim(max(batch.smoothed[1].min() / 10, low), batch.density.max() * 3)
     left.set(xlabel="spatial frequency / cycles/m", ylabel="one-sided density / (g/m³)² m")
     left.set_title("power spectrum", fontsize=10)
 
-    separation, structure = analysis.structure
+    separation, structure = analysis.by_separation
     right.loglog(separation, structure, "o-", ms=3, lw=0.7, color="C0", label="measured")
-    ends = np.array(analysis.structure_range_m)
-    line = analysis.structure_constant * ends ** (2 / 3)
-    constant = f"C_q² r²ᐟ³, C_q² = {analysis.structure_constant:.3g}"
-    right.loglog(ends, line, color="C3", lw=2, label=constant)
+    if analysis.fitted.constant is not None and analysis.fitted.limits is not None:
+        ends = np.array(analysis.fitted.limits)
+        own = analysis.fitted.constant
+        told = f"C_q² r²ᐟ³, C_q² = {own:.3g}\n(bend, noise and lag taken off)"
+        right.loglog(ends, own * ends ** (2 / 3), color="C3", lw=2, label=told)
     right.set(xlabel="separation / m", ylabel="structure function / (g/m³)²")
     right.set_title("structure function", fontsize=10)
+
+
+def _inertial(analysis: Analysis, ax: Any, fitted: Array) -> None:
+    """Draws the inertial range, its line, and what was fitted with it."""
+    found, ends = analysis.inertial, np.array(analysis.inertial.limits)
+    own = analysis.uncertainty.get("structure_constant_q")
+    told = f"-5/3, C_q² = {found.structure_constant:.3g}" + (f" ± {own:.1g}" if own else "")
+    ax.loglog(ends, found.line(ends), color="C3", lw=2, label=f"{told} g² m⁻⁶ m⁻²ᐟ³")
+    parts = (("floor", found.fixed.floor), ("bend", found.bend), ("roll-off", found.roll_m))
+    names = ", ".join(name for name, there in parts if there)
+    if names:
+        label = f"with {names}"
+        ax.loglog(fitted, found.fixed.density(fitted), color="C1", lw=1.2, ls="--", label=label)
+    slope = f"inertial range, slope {found.slope:.3f} ± {found.slope_uncertainty:.3f}"
+    ax.axvspan(*found.limits, color="C3", alpha=0.07, lw=0, label=slope)

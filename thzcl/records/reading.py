@@ -1,329 +1,306 @@
-"""Reads records: Campbell's TOA5, plain CSV with a header, and LI-COR's GHG archives."""
+"""Reads records: Campbell's TOA5, LI-COR's GHG archives, and tables of text with a header.
+
+pandas parses the rows, chunk by chunk; what it cannot parse is looked at cell by cell.
+"""
 
 from __future__ import annotations
 
 import csv
 import io
-import re
-import zipfile
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, suppress
-from dataclasses import dataclass
-from itertools import chain, islice
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from itertools import islice
 from pathlib import Path
-from typing import TextIO
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from thzcl.errors import RecordError
-from thzcl.records.columns import Column, find
+from thzcl.records import layout as layouts
+from thzcl.records import opening
+from thzcl.records.columns import Column, Columns, find
+from thzcl.records.layout import MISSING, Layout
+from thzcl.records.stamps import Clock, StampError
 
 Array = NDArray[np.float64]
 
-LINES_AT_ONCE = 16_384
-LICOR_HEADER_LINES = 100  # at most, before DATAH
-MISSING = frozenset(("", "nan", "na", "n/a", "null", "none", "-"))
+LINES_AT_ONCE = 65_536
 NO_VALUE = -9998.0  # loggers write -9999 for what they could not measure
-
-
-@dataclass(frozen=True)
-class Layout:
-    """How a file is laid out: its columns, its delimiter, and the lines of header and first row."""
-
-    path: Path
-    station: str
-    names: tuple[str, ...]
-    units: tuple[str, ...]
-    delimiter: str
-    header_line: int
-    first_line: int
+MOST_BROKEN = 0.01  # of a file's lines may have too few or too many cells
+NEVER = 10**9
 
 
 @dataclass(frozen=True)
 class Rows:
-    """The rows of a file: seconds (n,), and by role values (n,) in g/m3, m/s, K and hPa.
+    """The rows of a file: seconds (n,), lines (n,) and, by role, values (n,) in thzcl's units.
 
-    Values are NaN where they are missing.
+    Humidity is in the unit of its column's kind (columns.Column). Values are NaN where they are
+    missing. `flags` are the columns of diagnostic values by name. `time_s` is None where the file
+    has no time.
     """
 
     layout: Layout
     columns: dict[str, Column]
-    time_s: Array
+    time_s: Array | None
+    lines: NDArray[np.int32]
     values: dict[str, Array]
+    flags: dict[str, Array]
     dated: bool  # whether seconds count from 1970, and not from a start of the file's own
+    time_told: str
+    others: tuple[str, ...]
+    notes: tuple[str, ...]
+
+    def place(self, row: int, role: str = "time") -> str:
+        """Returns file, line and column of a row, for messages."""
+        column = self.columns.get(role)
+        names = [c.name for r, c in self.columns.items() if r.partition(":")[0] == role]
+        name = column.name if column else " and ".join(names)
+        where = f"{self.layout.path}:{int(self.lines[row])}"
+        return f"{where}: column {name or 'without a name'}" if names or column else where
 
 
-def read(path: Path, chosen: str = "") -> Rows:
+@dataclass
+class _Read:
+    """What has been read of a file so far."""
+
+    layout: Layout
+    columns: Columns
+    clock: Clock = field(default_factory=Clock)
+    values: dict[str, list[Array]] = field(default_factory=dict)
+    lines: list[NDArray[np.int32]] = field(default_factory=list)
+    broken: list[int] = field(default_factory=list)
+    longest: int = 0  # cells of a broken line
+    heads: int = 0
+    cut: int = 0  # the line that ends the file too early
+    notes: list[str] = field(default_factory=list)
+    out: set[str] = field(default_factory=set)  # optional columns that hold text
+
+    @property
+    def rows(self) -> int:
+        """Returns the number of rows so far."""
+        return sum(map(len, self.lines))
+
+
+def read(path: Path, chosen: str = "", rate_hz: float | None = None) -> Rows:
     """Returns the rows of a file; `chosen` names columns, as in columns.find.
 
     Raises RecordError, which names file, line and column, if the file holds no record.
     """
     try:
-        with _opened(path) as stream:
-            layout, first = _layout(path, stream)
-            columns = find(layout.names, layout.units, chosen, f"{path}:{layout.header_line}")
-            return _rows(layout, columns, chain([first] if first.strip() else [], stream))
+        with opening.opened(path) as stream:
+            layout, lines = layouts.find(path, stream)
+            place = f"{path}:{layout.header_line}"
+            columns = find(layout.names, layout.units, chosen, place)
+            _complete(columns, layout, place, rate_hz)
+            return _rows(layout, columns, lines, rate_hz)
     except csv.Error as error:
         raise RecordError(
             f"{path}: not a table of text ({error}); expected rows of numbers with a header"
         ) from None
 
 
-@contextmanager
-def _opened(path: Path) -> Iterator[TextIO]:
-    """Opens the text of a file, or of the data part of an archive.
-
-    Raises RecordError if the file holds no text.
-    """
-    expected = "expected Campbell TOA5, CSV with a header, or a LI-COR GHG archive"
-    with path.open("rb") as file:
-        start = file.read(4096)
-        if not start.strip():
-            raise RecordError(f"{path}:1: empty; {expected}")
-        if start.startswith(b"PK"):
-            with _archived(path, expected) as stream:
-                yield stream
-            return
-        if b"\0" in start or sum(byte < 9 for byte in start) > len(start) // 50:
-            raise RecordError(f"{path}:1: binary, not text; {expected}")
-        file.seek(0)
-        yield io.TextIOWrapper(file, encoding="utf-8-sig", errors="replace", newline="")
-
-
-@contextmanager
-def _archived(path: Path, expected: str) -> Iterator[TextIO]:
-    """Opens the data part of an archive. Raises RecordError if there is none."""
-    try:
-        with zipfile.ZipFile(path) as archive:
-            parts = [
-                name for name in archive.namelist() if name.endswith(".data") and "/" not in name
-            ]
-            if not parts:
-                raise RecordError(f"{path}: an archive without a .data part; {expected}")
-            # Beside the fast data there may be those of a weather station, NAME-biomet.data.
-            with archive.open(min(parts, key=len)) as part:
-                yield io.TextIOWrapper(part, encoding="utf-8-sig", errors="replace", newline="")
-    except (zipfile.BadZipFile, EOFError) as error:
-        raise RecordError(
-            f"{path}: a broken archive ({error}); fetch it again from the logger"
-        ) from None
-
-
-def _layout(path: Path, stream: TextIO) -> tuple[Layout, str]:
-    """Returns the layout of a file, and the line of data that had to be read, or no text."""
-    line, number = stream.readline(), 1
-    if line.lstrip('"').startswith("TOA5"):
-        return _campbell(path, line, stream), ""
-    if re.match(r"\s*(Model|DATAH|\(Data)\b", line):
-        return _licor(path, line, stream), ""
-    while line.startswith("#"):
-        line, number = stream.readline(), number + 1
-    names = next(csv.reader([line]), [])
-    _check_commas(path, number, names)
-    if not any(re.search("[A-Za-z]{1,}", name) for name in names) or _is_data(names):
-        raise RecordError(
-            f"{path}:{number}: column 1: expected a header with the names of the columns; "
-            "found data"
+def _complete(columns: Columns, layout: Layout, place: str, rate_hz: float | None) -> None:
+    """Raises RecordError with all problems of the header, missing time and wind among them."""
+    found = columns.by_role
+    names = ", ".join(filter(None, layout.names))[:300]
+    told = f"there are {names}; name it with --columns"
+    if not any(role.partition(":")[0] == "time" for role in found) and rate_hz is None:
+        columns.problems.append(
+            f"{place}: expected a column of time stamps; {told} time=NAME, "
+            "or give the samples a second with --rate-hz"
         )
-    following = stream.readline()
-    cells = next(csv.reader([following]), [])
-    units, first = (
-        (tuple(cells), "") if cells and _are_units(cells) else (("",) * len(names), following)
-    )
-    start = number + 1 + (not first)
-    return _whole(
-        Layout(path, "", tuple(name.strip() for name in names), units, ",", number, start)
-    ), first
-
-
-def _check_commas(path: Path, number: int, names: Sequence[str]) -> None:
-    """Raises RecordError if a line of names is not split by commas."""
-    if len(names) < 3:
-        others = {";": "semicolons", "\t": "tabs", "|": "bars"}
-        found = next((name for mark, name in others.items() if mark in "".join(names)), "no commas")
-        raise RecordError(
-            f"{path}:{number}: column 1: expected names of columns with commas between them; "
-            f"found {found}"
+    if not ({"Ux", "Uy"} <= found.keys() or "speed" in found):
+        columns.problems.append(
+            f"{place}: expected columns of wind, Ux, Uy and Uz, or a wind speed, in m/s; "
+            f"{told} Ux=NAME,Uy=NAME or speed=NAME"
         )
+    if columns.problems:
+        raise RecordError("\n".join(columns.problems))
 
 
-def _is_data(cells: Sequence[str]) -> bool:
-    """Returns whether most cells are numbers."""
-    return sum(_number(cell) is not None for cell in cells[1:]) > len(cells[1:]) / 2
-
-
-def _are_units(cells: Sequence[str]) -> bool:
-    """Returns whether no cell is a number or stands for a missing one."""
-    return not any(
-        re.match(r"\s*[-+.]?\d", cell) or cell.strip().lower() in ("nan", "na") for cell in cells
-    )
-
-
-def _campbell(path: Path, first: str, stream: TextIO) -> Layout:
-    """Returns the layout of a TOA5 file, of which the first line is read."""
-    station = " ".join(next(csv.reader([first]))[1:4:2])  # its name and its logger's serial number
-    names, units, _ = (next(csv.reader([stream.readline()]), []) for _ in range(3))
-    _check_commas(path, 2, names)
-    return _whole(Layout(path, station, tuple(names), tuple(units), ",", 2, 5))
-
-
-def _licor(path: Path, line: str, stream: TextIO) -> Layout:
-    """Returns the layout of a LI-COR data file, of which the first line is read."""
-    station = ""
-    for number in range(1, LICOR_HEADER_LINES):
-        if line.startswith("DATAH"):
-            names = [name.strip() for name in line.rstrip("\r\n").split("\t")]
-            return _whole(
-                Layout(path, station, tuple(names), ("",) * len(names), "\t", number, number + 1)
-            )
-        if line.startswith(("SN", "Instrument")):
-            station += line.partition("\t")[2].strip()
-        line = stream.readline()
-    raise RecordError(
-        f"{path}:{LICOR_HEADER_LINES}: column 1: expected a line of column names beginning with "
-        "DATAH"
-    )
-
-
-def _whole(layout: Layout) -> Layout:
-    """Returns the layout itself. Raises RecordError if its names and units are not as many."""
-    if not layout.names or len(layout.units) != len(layout.names):
-        text = (
-            f"{len(layout.names)} names of columns and {len(layout.units)} units; expected as many"
-        )
-        place = f"{layout.path}:{layout.header_line + 1}: column {len(layout.names)}"
-        raise RecordError(f"{place}: {text}; is the file cut short?")
-    return layout
-
-
-def _rows(layout: Layout, columns: dict[str, Column], lines: Iterator[str]) -> Rows:
+def _rows(layout: Layout, columns: Columns, lines: Iterator[str], rate_hz: float | None) -> Rows:
     """Returns the rows of a file, read in chunks. Raises RecordError if there are none."""
-    parts: dict[str, list[Array]] = {role: [] for role in columns}
-    dated, line = False, layout.first_line
+    read, number = _Read(layout, columns), layout.first_line
     while chunk := list(islice(lines, LINES_AT_ONCE)):
-        count = len(chunk)
-        while chunk and not chunk[-1].strip():
-            chunk.pop()
-        for role, (cells, numbers) in _cells(layout, columns, chunk, line).items():
-            if role == "time" and cells is not None and (dated or _number(cells[0]) is None):
-                dated = True
-                parts[role].append(_dates(layout, columns[role], cells, line))
-            else:
-                found = (
-                    _numbers(layout, columns[role], cells or (), line)
-                    if numbers is None
-                    else _present(numbers)
-                )
-                parts[role].append(columns[role].factor * found + columns[role].offset)
-        line += count
-    if not parts["time"]:
-        names = ", ".join(column.name for column in columns.values())
+        kept, at = _sound(read, chunk, number)
+        if kept:
+            _add(read, kept, at)
+        number += len(chunk)
+    _judge_broken(read, number)
+    if not read.rows:
+        names = ", ".join(column.name for column in columns.by_role.values())
         raise RecordError(
-            f"{layout.path}:{line}: empty below its header; expected rows with {names}"
+            f"{layout.path}:{layout.first_line}: empty below its header; expected rows with {names}"
         )
-    values = {role: np.concatenate(found) for role, found in parts.items()}
-    time_s = values.pop("time") + values.pop("nanoseconds", 0.0)
-    return Rows(layout, columns, time_s, values, dated or "nanoseconds" in columns)
+    return _whole(read, rate_hz)
 
 
-def _cells(
-    layout: Layout, columns: dict[str, Column], chunk: list[str], line: int
-) -> dict[str, tuple[Sequence[str] | None, Array | None]]:
-    """Returns by role the cells of some lines, or instead their numbers.
-
-    Numbers are returned if all columns but that of time hold nothing else, which is fast.
-    """
-    if not chunk:
-        return {}
-    numeric = [role for role in columns if role != "time"]
-    if {text.count(layout.delimiter) for text in chunk} == {len(layout.names) - 1}:
-        used = [columns[role].at for role in numeric]
-        with suppress(ValueError):  # text among the numbers; what it says is looked at below
-            read = np.loadtxt(
-                chunk,
-                delimiter=layout.delimiter,
-                usecols=used,
-                comments=None,
-                quotechar='"',
-                ndmin=2,
-            )
-            if len(read) == len(chunk):
-                at = columns["time"].at
-                stamps = [
-                    text.split(layout.delimiter, at + 1)[at].strip().strip('"') for text in chunk
-                ]
-                return {"time": (stamps, None)} | {
-                    role: (None, read[:, n]) for n, role in enumerate(numeric)
-                }
-    by_column = _transposed(layout, list(csv.reader(chunk, delimiter=layout.delimiter)), line)
-    return {role: (by_column[column.at], None) for role, column in columns.items()}
+def _whole(read: _Read, rate_hz: float | None) -> Rows:
+    """Returns the rows of a file that is read to its end."""
+    columns, told = read.columns, list(read.columns.notes)
+    by_role = {r: c for r, c in columns.by_role.items() if r not in read.out}
+    time = by_role.get("time")
+    time_s: Array | None = None
+    if read.clock.chunks:
+        unit, factor = (time.unit, time.factor) if time else ("", 1.0)
+        time_s, notes = read.clock.seconds(unit, factor, rate_hz)
+        told += notes
+    values = {role: np.concatenate(parts) for role, parts in read.values.items()}
+    read.values.clear()
+    if time_s is not None and "nanoseconds" in values:
+        time_s = time_s + values.pop("nanoseconds")
+    marks = [role for role in values if role.startswith("flag:")]
+    flags = {role[5:]: values.pop(role) for role in marks if role not in read.out}
+    return Rows(
+        read.layout, by_role, time_s, np.concatenate(read.lines),
+        {role: x for role, x in values.items() if role not in read.out}, flags,
+        read.clock.dated or "nanoseconds" in by_role, read.clock.told, columns.others,
+        (*told, *read.notes),
+    )  # fmt: skip
 
 
-def _transposed(layout: Layout, chunk: list[list[str]], line: int) -> list[tuple[str, ...]]:
-    """Returns the cells by column. Raises RecordError if a row is not as long as the header."""
+def _sound(read: _Read, chunk: list[str], number: int) -> tuple[list[str], NDArray[np.int32]]:
+    """Returns the lines of a chunk that are rows, and their numbers; what is none is counted."""
+    layout, wanted = read.layout, len(read.layout.names)
+    counts = [layout.fields(line) for line in chunk]
+    at = np.arange(number, number + len(chunk), dtype=np.int32)
+    if set(counts) == {wanted} and layout.head.isdisjoint(chunk):
+        return chunk, at
+    kept = np.zeros(len(chunk), dtype=np.bool_)
+    for n, (line, count) in enumerate(zip(chunk, counts, strict=True)):
+        if not line.strip() or line.startswith(layouts.COMMENTS):
+            continue
+        if line in layout.head or line.rstrip("\r\n") + "\n" in layout.head:
+            read.heads += 1
+        elif count == wanted:
+            kept[n] = True
+        else:
+            read.broken.append(number + n)
+            read.longest = max(read.longest, count)
+    return [line for line, good in zip(chunk, kept, strict=True) if good], at[kept]
+
+
+def _judge_broken(read: _Read, end: int) -> None:
+    """Notes what was left out of a file. Raises RecordError if that is more than a few lines."""
+    layout, broken = read.layout, read.broken
+    if read.heads:
+        read.notes.append(f"the header stands {read.heads} times more among the rows of the file")
+    if not broken:
+        return
     wanted = len(layout.names)
-    if set(map(len, chunk)) != {wanted}:
-        at, row = next((at, row) for at, row in enumerate(chunk) if len(row) != wanted)
+    if len(broken) > max(MOST_BROKEN * (read.rows + len(broken)), 1):
         reason = (
-            "a row cut short?"
-            if len(row) < wanted
-            else "a comma for a decimal point? expected numbers with points"
+            "rows cut short?"
+            if read.longest < wanted
+            else "a comma for a decimal point? expected numbers with points, or other separators"
         )
-        text = f"{len(row)} columns, expected the header's {wanted}; {reason}"
-        raise RecordError(f"{layout.path}:{line + at}: column {min(len(row), wanted)}: {text}")
-    return list(zip(*chunk, strict=True))
+        raise RecordError(
+            f"{layout.path}:{broken[0]}: column {min(read.longest, wanted)}: {read.longest} "
+            f"columns, expected the header's {wanted}, here and in {len(broken) - 1} other rows; "
+            f"{reason}"
+        )
+    if broken[-1] >= end - 1 and len(broken) == 1:
+        read.notes.append(f"the last line ({broken[0]}) is cut short and left out")
+    else:
+        read.notes.append(
+            f"{len(broken)} lines have another number of columns than the header's {wanted} and "
+            f"are left out, the first of them line {broken[0]}"
+        )
 
 
-def _numbers(layout: Layout, column: Column, cells: Sequence[str], line: int) -> Array:
+def _add(read: _Read, kept: list[str], at: NDArray[np.int32]) -> None:
+    """Adds the cells of some lines, all of which have as many as the header."""
+    cells = _parsed(read, kept)
+    parts = {
+        role.partition(":")[2] or "time": cells[column.at]
+        for role, column in read.columns.by_role.items()
+        if role.partition(":")[0] == "time"
+    }
+    if parts:
+        try:
+            read.clock.read(parts)
+        except StampError as error:
+            columns = read.columns.by_role
+            name = " and ".join(
+                c.name or "without a name" for r, c in columns.items() if r[:4] == "time"
+            )
+            place = f"{read.layout.path}:{int(at[error.at])}"
+            raise RecordError(f"{place}: column {name}: {error}") from None
+    for role, column in _numeric(read.columns):
+        numbers = _numbers(read, role, column, cells[column.at], at)
+        scaled = numbers if column.factor == 1 and not column.offset else (
+            column.factor * numbers + column.offset
+        )  # fmt: skip
+        read.values.setdefault(role, []).append(scaled)
+    read.lines.append(at)
+
+
+def _numeric(columns: Columns) -> Iterator[tuple[str, Column]]:
+    """Yields the columns that hold numbers by role; those of flags as "flag:NAME"."""
+    for role, column in columns.by_role.items():
+        if role.partition(":")[0] != "time":
+            yield role, column
+    for column in columns.flags:
+        yield f"flag:{column.name}", column
+
+
+def _parsed(read: _Read, kept: list[str]) -> Any:
+    """Returns the used cells of some lines as a pandas table, by the column's place.
+
+    Columns of numbers hold float64, or text if one cell is no number.
+    """
+    import pandas as pd
+
+    layout = read.layout
+    texts = {c.at for r, c in read.columns.by_role.items() if r.partition(":")[0] == "time"}
+    numbers = {column.at for _, column in _numeric(read.columns)} - texts
+    how: dict[str, Any] = {
+        "header": None,
+        "usecols": sorted(texts | numbers),
+        "sep": r"\s+" if layout.separator == " " else layout.separator,
+        "decimal": layout.decimal,
+        "na_values": sorted(MISSING | {word.upper() for word in MISSING}),
+        "skipinitialspace": True,
+        "skip_blank_lines": False,
+    }
+    text = "".join(kept)
+    as_text: dict[int, Any] = dict.fromkeys(texts, str)
+    try:
+        return pd.read_csv(
+            io.StringIO(text), dtype=as_text | dict.fromkeys(numbers, np.float64), **how
+        )
+    except ValueError:
+        return pd.read_csv(io.StringIO(text), dtype=as_text | dict.fromkeys(numbers, str), **how)
+
+
+def _numbers(read: _Read, role: str, column: Column, cells: Any, at: NDArray[np.int32]) -> Array:
     """Returns cells as numbers, NaN where they say that they hold none.
 
-    Raises RecordError for any other text.
+    Raises RecordError for any other text in a column that is needed; others are left out.
     """
-    try:
-        found = np.fromiter(map(float, cells), np.float64, len(cells))
-    except ValueError:
-        numbers = [np.nan if cell.strip().lower() in MISSING else _number(cell) for cell in cells]
-        if None in numbers:
-            at = numbers.index(None)
-            text = f'"{cells[at][:40]}" is not a number; expected one with a decimal point'
-            raise RecordError(f"{layout.path}:{line + at}: column {column.name}: {text}") from None
-        found = np.array(numbers, dtype=np.float64)
+    import pandas as pd
+
+    if cells.dtype == np.float64:
+        return _present(cells.to_numpy())
+    text = cells.astype(str).str.strip()
+    if read.layout.decimal == ",":
+        text = text.str.replace(",", ".", regex=False)
+    found = pd.to_numeric(text, errors="coerce").to_numpy(np.float64).copy()
+    unread = np.flatnonzero(np.isnan(found) & cells.notna().to_numpy()).tolist()
+    wrong = [n for n in unread if text.iloc[n].lower() not in MISSING]
+    if wrong and role in ("h2o", "Ux", "Uy", "speed"):
+        told = f'"{text.iloc[wrong[0]][:40]}" is not a number; expected one with a decimal point'
+        raise RecordError(f"{read.layout.path}:{at[wrong[0]]}: column {column.name}: {told}")
+    if wrong and role not in read.out:
+        read.out.add(role)
+        read.notes.append(
+            f'column {column.name} is left out: "{text.iloc[wrong[0]][:40]}" in line '
+            f"{at[wrong[0]]} is not a number"
+        )
     return _present(found)
 
 
 def _present(values: Array) -> Array:
     """Returns numbers, NaN where a logger says that there is none."""
     return np.where(np.isfinite(values) & (values > NO_VALUE), values, np.nan)
-
-
-def _number(cell: str) -> float | None:
-    """Returns a cell as a number, or None."""
-    try:
-        return float(cell)
-    except ValueError:
-        return None
-
-
-def _dates(layout: Layout, column: Column, cells: Sequence[str], line: int) -> Array:
-    """Returns time stamps as seconds from 1970. Raises RecordError for a cell that is none."""
-    try:
-        stamps = np.array([cell.rstrip("Z") for cell in cells], dtype="datetime64[us]")
-        wrong = np.flatnonzero(np.isnat(stamps))
-        if not wrong.size:
-            return np.asarray(stamps.astype(np.int64) / 1e6)
-        at = int(wrong[0])
-    except ValueError:
-        at = next((at for at, cell in enumerate(cells) if not _is_date(cell)), 0)
-    text = f'"{cells[at][:40]}" is not a time stamp; expected seconds, or one like'
-    raise RecordError(
-        f"{layout.path}:{line + at}: column {column.name}: {text} 2012-06-07 12:45:00.05"
-    ) from None
-
-
-def _is_date(cell: str) -> bool:
-    """Returns whether a cell is a date with a time."""
-    try:
-        return not np.isnat(np.datetime64(cell.rstrip("Z"), "us"))
-    except ValueError:
-        return False

@@ -18,13 +18,18 @@ from thzcl.scenario.source import SHIPPED
 MODEL, MODEL_K = "quick", 290.0  # the scene, and its air's temperature
 STANDARD_K, STANDARD_HPA = 288.15, 1013.25  # where the record has no temperature or no pressure
 GRID, VOXEL_M = 128, 0.5
+LOWEST_HEIGHTS, MOST_HEIGHTS = 0.4, 3.0  # outer scales near the ground
 
 
 def write(analysis: Analysis, path: Path) -> list[Path]:
     """Writes a scene, and the spectrum beside it as NAME-spectrum.csv; returns both paths.
 
-    Raises RecordError if one of the files exists.
+    Raises RecordError if one of the files exists, or if there is no inertial range.
     """
+    if analysis.inertial.structure_constant is None:
+        raise RecordError(
+            f"{path}: no scene without a structure constant: {analysis.inertial.reason}"
+        )
     table = path.with_name(f"{path.stem}-spectrum.csv")
     for file in (path, table):
         if file.exists():
@@ -98,8 +103,11 @@ def _provenance(analysis: Analysis) -> Iterator[str]:
     slope = f"{analysis.inertial.slope:.3f} +- {analysis.inertial.slope_uncertainty:.3f}"
     sigma = f"sigma {found['sigma_percent']:.3g} % of the mean"
     yield f"# spectral slope {slope} from {low:.3g} to {high:.3g} cycles/m; {sigma};"
-    constant = f"{analysis.structure_constant:.4g} ({found['agreement_percent']:+.1f} %)"
-    yield f"# C_q^2 by the structure function {constant};"
+    own = found["uncertainty"].get("structure_constant_q")
+    yield f"# C_q^2 {found['structure_constant_q']:.4g}" + (f" +- {own:.2g};" if own else ";")
+    if analysis.fitted.constant is not None:
+        constant = f"{analysis.fitted.constant:.4g} ({found['agreement_percent']:+.1f} %)"
+        yield f"# C_q^2 by the structure function {constant};"
     yield f"# integral scale {analysis.integral_scale_m:.3g} m."
     yield from (f"# Note: {note}." for note in found["notes"])
 
@@ -120,15 +128,27 @@ def _atmosphere(analysis: Analysis) -> Iterator[str]:
     yield f"absolute_humidity_g_m3 = {float(np.nanmean(record.humidity)):.4g}"
 
 
+def _outer_scale(analysis: Analysis) -> str:
+    """Returns the line of the outer scale: as measured, but of 0.4 to 3 heights where known."""
+    measured, height = analysis.outer_scale_m, analysis.height_m
+    assert measured is not None  # noqa: S101 (as write has it)
+    if height is None or LOWEST_HEIGHTS * height <= measured <= MOST_HEIGHTS * height:
+        return f"outer_scale_m = {measured:.4g}"
+    low, high = LOWEST_HEIGHTS * height, MOST_HEIGHTS * height
+    told = f"measured {measured:.4g}; limited to {LOWEST_HEIGHTS:g} to {MOST_HEIGHTS:g} heights"
+    return f"outer_scale_m = {min(max(measured, low), high):.4g}  # {told}"
+
+
 def _turbulence(analysis: Analysis, table: str) -> Iterator[str]:
     """Yields the table [atmosphere.fluctuations]; `table` is the name of the spectrum's file."""
     yield "[atmosphere.fluctuations]"
     yield 'spectrum = "von-karman"'
-    yield f"outer_scale_m = {analysis.outer_scale_m:.4g}"
+    yield _outer_scale(analysis)
     yield f"structure_constant_q = {analysis.inertial.structure_constant:.4g}"
-    if analysis.temperature is not None and analysis.correlation is not None:
-        yield f"structure_constant_t = {analysis.temperature.structure_constant:.4g}"
-        yield f"correlation_tq = {analysis.correlation:.3f}"
+    both = analysis.together
+    if analysis.structure_constant_t is not None and both and both.correlation is not None:
+        yield f"structure_constant_t = {analysis.structure_constant_t:.4g}"
+        yield f"correlation_tq = {both.correlation:.3f}  # in the inertial range"
     wind = f"wind_m_s = [0, {analysis.record.wind_speed_m_s:.4g}, 0]"
     yield f"{wind}  # its speed as measured, across the line of sight"
     yield f"voxel_m = {VOXEL_M:g}"

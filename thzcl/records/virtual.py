@@ -16,7 +16,7 @@ from thzcl.device.choose import open_device
 from thzcl.errors import RecordError
 from thzcl.files import write_whole
 from thzcl.graph import evaluate
-from thzcl.records.record import SONIC_HUMIDITY
+from thzcl.records.moisture import SONIC_HUMIDITY
 
 Array = NDArray[np.float64]
 
