@@ -48,6 +48,7 @@ BELOW_ROLL = 0.5  # of 1/c, where a first-order sensor loses 20 % of the density
 # What floor, bend and roll-off must gain in twice the logarithm of the likelihood.
 PENALTY = {"floor": 1.0, "bend": 4.0, "roll": 14.0}
 NEGLIGIBLE = 1e-3  # of the lowest density: no floor
+FINE = 1e-6  # relative, of the fit: 3e-5 in the logarithm of the likelihood
 STEPS = 3  # bins by which the ends of a range are moved
 
 
@@ -292,6 +293,8 @@ def _fit(
                 [level + 30, *(highs[n] for n in names)],
             ),
             max_nfev=60,
+            ftol=FINE,
+            xtol=FINE,
         )
     except (ValueError, FloatingPointError):
         return None
@@ -344,7 +347,7 @@ def _inertial(part: Binned, best: Fit, scatter: float, lowest: float) -> Inertia
     vague = {n: max(getattr(own, n), getattr(best, n)) for n in ("uncertainty", "vagueness")}
     own = replace(own, **vague)
     fixed = chosen(above, scatter, KOLMOGOROV_SLOPE, best) or own
-    whole = chosen(part, scatter, KOLMOGOROV_SLOPE)
+    whole = chosen(part, scatter, KOLMOGOROV_SLOPE, rolls=(bool(best.roll),))
     if whole is not None and whole.level_uncertainty > fixed.level_uncertainty:
         fixed = replace(fixed, level_uncertainty=whole.level_uncertainty)
     reason = _not_inertial(own)
