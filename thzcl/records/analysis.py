@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from typing import Any
 
@@ -460,6 +460,22 @@ def _of_temperature(
     }
 
 
+def _of_batch(batch: Batch, found: Inertial, lowest: float) -> Inertial:
+    """Returns what a batch has in the range found for all, or its own if there was none."""
+    spectrum, scatter = binned(batch.frequency, batch.density), unevenness([batch])
+    if found.structure_constant is None:
+        return _found(spectrum, _nyquist([batch]), scatter, lowest)
+    slope, uncertainty = inertial.slope_of(spectrum, found, scatter)
+    constant = inertial.level_of(spectrum, found)
+    sound = constant > 0 and not inertial.departs(slope, uncertainty)
+    return replace(
+        found,
+        slope=slope,
+        slope_uncertainty=uncertainty,
+        structure_constant=constant if sound else None,
+    )
+
+
 def _of_batches(
     record: Record,
     batches: Sequence[Batch],
@@ -473,10 +489,7 @@ def _of_batches(
             record.humidity[batch.part],
             record.start + batch.part.start / record.rate_hz,
         )
-        own = found
-        if len(batches) > 1:
-            spectrum = binned(batch.frequency, batch.density)
-            own = _found(spectrum, _nyquist([batch]), unevenness([batch]), lowest)
+        own = _of_batch(batch, found, lowest) if len(batches) > 1 else found
         seconds = (batch.part.stop - batch.part.start) / record.rate_hz
         kelvin = record.temperature
         fluxes = _fluxes(record, [batch])

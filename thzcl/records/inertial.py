@@ -4,13 +4,13 @@ The density of a scalar whose structure function is C^2 r^(2/3) is, one-sided in
 2 * 0.1244 (2 pi)^(-2/3) C^2 xi^(-5/3), and two-sided in radians per metre 0.1244 C^2 k^(-5/3)
 (Tatarskii 1971). The fitted density is
 
-    A (xi^2 + b^2)^(p/2) / (1 + (c xi)^2) + F
+    L(xi) + s (L folded at Nyquist's frequency) + F,  L = A (xi^2 + b^2)^(p/2) / (1 + (c xi)^2)
 
-with the outer scale 1/b (von Karman), a first-order sensor or tube of 2 pi tau U = c, and a floor F
-of white noise, which up to half Nyquist's frequency also stands for what the signal folds down
-(aliasing). Densities are fitted by maximum likelihood (Whittle 1953), that is by their mean: the
-mean of a periodogram's logarithm would lie 44 % low. Floor, bend and roll-off are there only where
-the likelihood asks for them.
+with the outer scale 1/b (von Karman), a first-order sensor or tube of 2 pi tau U = c, a floor F of
+white noise, and aliasing of a strength s between 0 (a filter before the sampling) and 1 (samples of
+points): which of both a record is, is not known beforehand. Densities are fitted by maximum
+likelihood (Whittle 1953), that is by their mean: the mean of a periodogram's logarithm would lie
+44 % low. Each part is there only where the likelihood asks for it.
 """
 
 from __future__ import annotations
@@ -45,9 +45,12 @@ ABOVE_BEND = 2.0  # inverse outer scales, at which von Karman's density is 17 % 
 WIDE = 20.0  # ratio of a fit's limits that is kept, if need be from below the bend
 SHALLOWEST = -1.2  # slope of what a sensor rolls off
 BELOW_ROLL = 0.5  # of 1/c, where a first-order sensor loses 20 % of the density
-# What floor, bend and roll-off must gain in twice the logarithm of the likelihood.
-PENALTY = {"floor": 1.0, "bend": 4.0, "roll": 14.0}
+# What each part of a density must gain in twice the logarithm of the likelihood.
+PENALTY = {"floor": 2.0, "fold": 2.0, "bend": 4.0, "roll": 14.0}
+FLOORS: tuple[tuple[str, ...], ...] = ((), ("floor",), ("fold",))
+IMAGES = 3  # of Nyquist's frequency, folded one by one; the rest as an integral
 NEGLIGIBLE = 1e-3  # of the lowest density: no floor
+BELOW_NYQUIST = 0.7  # of Nyquist's frequency: there the fit ends
 FINE = 1e-6  # relative, of the fit: 3e-5 in the logarithm of the likelihood
 STEPS = 3  # bins by which the ends of a range are moved
 
@@ -57,9 +60,10 @@ class Fit:
     """A fitted density: level, slope and, where they are there, floor, bend and roll-off.
 
     `level` is A in squared units of the signal times m^(1 - p); `floor` F in squared units times m,
-    `bend` b in cycles/m, `roll` c in m; 0 where they are not there. `uncertainty` is that of the
-    slope, `level_uncertainty` relative, one standard deviation each; `cost` is minus twice the
-    logarithm of the likelihood. `mean_slope` is the slope over fits with and without a floor.
+    `bend` b in cycles/m, `roll` c in m, `fold` s, 0 to 1; 0 where they are not there. `uncertainty`
+    is that of the slope, `level_uncertainty` relative, one standard deviation each; `cost` is minus
+    twice the logarithm of the likelihood; `nyquist`, in cycles/m, is where the line is folded.
+    `mean_slope` is the slope over fits with and without a floor.
     """
 
     level: float
@@ -70,6 +74,8 @@ class Fit:
     uncertainty: float
     level_uncertainty: float
     cost: float
+    fold: float = 0.0
+    nyquist: float = math.inf
     mean_slope: float = 0.0
     bend_uncertainty: float = 0.0  # of its logarithm
     vagueness: float = 0.0  # the slope's largest uncertainty, of fits with and without a floor
@@ -81,7 +87,20 @@ class Fit:
 
     def density(self, xi: Array) -> Array:
         """Returns the density at spatial frequencies."""
-        return self.line(xi) + self.floor
+        found = self.line(xi) + self.floor
+        return found + self.fold * self.folded(xi) if self.fold else found
+
+    def folded(self, xi: Array) -> Array:
+        """Returns what the line has beyond Nyquist's frequency, folded down to xi below it.
+
+        The images up to 2 IMAGES times Nyquist's frequency are summed, the rest integrated.
+        """
+        images = 2 * self.nyquist * np.arange(1, IMAGES + 1)[:, None]
+        found = (self.line(images - xi) + self.line(images + xi)).sum(axis=0)
+        end = (2 * IMAGES + 1) * self.nyquist
+        if self.slope < -1.05:
+            found = found + self.line(np.array([end]))[0] * end / (-1 - self.slope) / self.nyquist
+        return np.asarray(found)
 
 
 @dataclass(frozen=True)
@@ -124,9 +143,9 @@ def find(
 
     `nyquist` is in cycles/m; `scatter` says by how much turbulence that comes and goes makes
     densities scatter more than steady turbulence; `lowest` is the spatial frequency below which no
-    range is offered, 1/height. The fit reaches to half Nyquist's frequency at most.
+    range is offered, 1/height.
     """
-    usable = spectrum.where(spectrum.count > 0).part(spectrum.frequency[0], nyquist / 2)
+    usable = replace(spectrum, nyquist=nyquist).part(0.0, BELOW_NYQUIST * nyquist)
     for part in _parts(usable):
         best = chosen(part, scatter)
         if best is not None and _fits(part, best, scatter):
@@ -192,19 +211,18 @@ def chosen(
     `like` has the bend, held as it is or left out (an outer scale need not bend as von Karman has
     it), and says whether there is a roll-off; `rolls` says what else is tried.
     """
-    ends = [(False, bool(like.roll))] if like else product((False, True), rolls)
+    rolls = (bool(like.roll),) if like else rolls
+    ends = [("bend",) * bent + ("roll",) * roll for bent in (not like, False) for roll in rolls]
     held = _bends(like) if like else [0.0]
     fits = []
-    for (bent, roll), floor, bend in product(ends, (False, True), held):
-        kind = (floor, bent, roll)
-        fit = _fit(part, kind, scatter, slope, bend)
+    for end, floor, bend in product(dict.fromkeys(ends), FLOORS, held):
+        fit = _fit(part, (*floor, *end), scatter, slope, bend)
         if fit is not None:
-            prices = zip(PENALTY.values(), kind, strict=True)
-            fits.append((fit.cost + sum(p for p, there in prices if there), kind, fit))
+            fits.append((fit.cost + sum(PENALTY[name] for name in (*floor, *end)), end, fit))
     if not fits:
         return None
-    least, kind, best = min(fits, key=lambda one: one[0])
-    same = [(math.exp((least - cost) / 2), f) for cost, other, f in fits if other[1:] == kind[1:]]
+    least, end, best = min(fits, key=lambda one: one[0])
+    same = [(math.exp((least - cost) / 2), fit) for cost, other, fit in fits if other == end]
     return _mean(best, same, NEGLIGIBLE * float(part.density.min()))
 
 
@@ -230,8 +248,9 @@ def _mean(best: Fit, same: list[tuple[float, Fit]], least: float) -> Fit:
     if np.ptp(slopes) == 0:  # held
         level = float(weights @ levels)
         relative += weights @ (levels / level - 1) ** 2
-        floor = float(weights @ [f.floor for _, f in same])
-        best = replace(best, level=level, floor=floor if floor > least else 0.0)
+        floor, fold = (float(weights @ [getattr(f, n) for _, f in same]) for n in ("floor", "fold"))
+        floor = floor if floor > least else 0.0
+        best = replace(best, level=level, floor=floor, fold=fold)
     return replace(
         best,
         mean_slope=slope,
@@ -243,14 +262,15 @@ def _mean(best: Fit, same: list[tuple[float, Fit]], least: float) -> Fit:
 
 def _fit(
     part: Binned,
-    kind: tuple[bool, bool, bool],
+    kind: tuple[str, ...],
     scatter: float,
     slope: float | None,
     bend: float = 0.0,
 ) -> Fit | None:
-    """Returns the likeliest density of a kind (floor, bend, roll-off), or None if there is none.
+    """Returns the likeliest density of a kind, or None if there is none.
 
-    `bend` is held where the kind has none.
+    The kind names the parts that are there, of floor, fold, bend and roll. `bend` is held where the
+    kind has none.
 
     The deviance of a bin, 2 n (d/m - 1 - ln d/m), is a sum of squares to minimise.
     """
@@ -258,15 +278,17 @@ def _fit(
 
     xi, weight = part.frequency, part.count / (CORRELATION * scatter)
     middle = float(np.exp(np.average(np.log(xi), weights=weight)))
-    names = [*(() if slope is not None else ("slope",)), *_names(kind)]
+    names = [*(() if slope is not None else ("slope",)), *kind]
 
     def fit_of(x: Array) -> Fit:
         own = dict(zip(names, x[1:], strict=True))
         p = own.get("slope", slope)
         level = math.exp(x[0]) * middle ** -float(p)  # type: ignore[arg-type]
-        parts = {n: math.exp(own[n]) for n in PENALTY if n in own}
+        parts = {n: math.exp(own[n]) for n in ("floor", "bend", "roll") if n in own}
         floor, roll = parts.get("floor", 0.0), parts.get("roll", 0.0)
-        return Fit(level, float(p), floor, parts.get("bend", bend), roll, 0.0, 0.0, 0.0)  # type: ignore[arg-type]
+        fold = float(own.get("fold", 0.0))
+        own_bend = parts.get("bend", bend)
+        return Fit(level, float(p), floor, own_bend, roll, 0.0, 0.0, 0.0, fold, part.nyquist)  # type: ignore[arg-type]
 
     def residuals(x: Array) -> Array:
         ratio = part.density / fit_of(x).density(xi)
@@ -275,13 +297,13 @@ def _fit(
         )
 
     start = {"slope": KOLMOGOROV_SLOPE, "floor": math.log(0.3 * part.density[-3:].min())}
-    start |= {"bend": math.log(2 * xi[0]), "roll": -math.log(xi[-1] / 3)}
+    start |= {"fold": 0.5, "bend": math.log(2 * xi[0]), "roll": -math.log(xi[-1] / 3)}
     level = math.log(float(np.interp(middle, xi, part.density)))
-    lows = {"slope": -8.0, "floor": start["floor"] - 12, "bend": math.log(xi[0] / 8),
+    lows = {"slope": -8.0, "fold": 0.0, "floor": start["floor"] - 12, "bend": math.log(xi[0] / 8),
             "roll": -math.log(8 * xi[-1])}  # fmt: skip
     # A roll-off is one of a power law that turbulence may have, and not half of a steeper one.
-    shallowest = SHALLOWEST if kind[2] else 1.0
-    highs = {"slope": shallowest, "floor": math.log(part.density.max()),
+    shallowest = SHALLOWEST if "roll" in kind else 1.0
+    highs = {"slope": shallowest, "fold": 1.0, "floor": math.log(part.density.max()),
              "bend": math.log(xi[-1] / NARROWEST),
              "roll": -math.log(xi[0] * NARROWEST)}  # fmt: skip
     try:
@@ -301,11 +323,6 @@ def _fit(
     free = [n for n, (x, name) in enumerate(zip(found.x[1:], names, strict=True), start=1)
             if lows[name] + 1e-3 < x < highs[name] - 1e-3]  # fmt: skip
     return _with_errors(fit_of(found.x), found, [0, *free], names)
-
-
-def _names(kind: tuple[bool, bool, bool]) -> list[str]:
-    """Returns the names of the parts of a density that are there."""
-    return [name for name, there in zip(PENALTY, kind, strict=True) if there]
 
 
 def _with_errors(fit: Fit, found: object, free: list[int], names: list[str]) -> Fit:
@@ -343,9 +360,10 @@ def _inertial(part: Binned, best: Fit, scatter: float, lowest: float) -> Inertia
     above = _above_bend(part, best)
     own = chosen(above, scatter, None, best) or best
     # Below the bend the law may be another, above it slope and bend stand for each other: the
-    # larger uncertainty holds.
-    vague = {n: max(getattr(own, n), getattr(best, n)) for n in ("uncertainty", "vagueness")}
-    own = replace(own, **vague)
+    # larger uncertainty holds where there is a choice, and their mean square is told.
+    vague = max(own.vagueness, best.vagueness)
+    told = math.hypot(own.uncertainty, best.uncertainty) / math.sqrt(2)
+    own = replace(own, vagueness=vague, uncertainty=told)
     fixed = chosen(above, scatter, KOLMOGOROV_SLOPE, best) or own
     whole = chosen(part, scatter, KOLMOGOROV_SLOPE, rolls=(bool(best.roll),))
     if whole is not None and whole.level_uncertainty > fixed.level_uncertainty:
@@ -402,9 +420,8 @@ def _limits(part: Binned, fit: Fit, lowest: float) -> tuple[float, float]:
 
 def _not_inertial(fit: Fit) -> str:
     """Returns why a slope is not that of an inertial range, or no text if it may be."""
-    departure = abs(fit.mean_slope - KOLMOGOROV_SLOPE)
     told = f"a slope of {fit.mean_slope:.3f} +- {fit.uncertainty:.3f}"
-    if departure > DEPARTURE and departure > DEVIATIONS * fit.vagueness:
+    if departs(fit.mean_slope, fit.vagueness):
         steep = fit.mean_slope < KOLMOGOROV_SLOPE
         cause = "a slow sensor, or a tube before it?" if steep else "noise, or no turbulence?"
         return f"{told}, where an inertial range has -1.667: {cause}"
@@ -412,6 +429,12 @@ def _not_inertial(fit: Fit) -> str:
         slow = ", of a slow sensor perhaps" if fit.roll else ""
         return f"{told}, too uncertain to tell an inertial range{slow}"
     return ""
+
+
+def departs(slope: float, uncertainty: float) -> bool:
+    """Returns whether a slope is not that of an inertial range."""
+    departure = abs(slope - KOLMOGOROV_SLOPE)
+    return departure > DEPARTURE and departure > DEVIATIONS * uncertainty
 
 
 def _narrow(fit: Fit, limits: tuple[float, float]) -> str:
@@ -432,20 +455,29 @@ def level_of(spectrum: Binned, found: Inertial) -> float:
     part = spectrum.part(*found.fitted)
     if not len(part.frequency):
         return math.nan
-    line = found.fixed.line(part.frequency)
-    share = line / (line + found.fixed.floor)
+    signal = found.fixed.density(part.frequency) - found.fixed.floor
+    share = signal / (signal + found.fixed.floor)
     weight = part.count * share**2
-    ratio = (part.density - found.fixed.floor) / line
+    ratio = (part.density - found.fixed.floor) / signal
     return float(np.sum(weight * ratio) / np.sum(weight) * found.fixed.level / ONE_SIDED_CYCLES)
 
 
 def like(spectrum: Binned, found: Inertial, scatter: float) -> Fit | None:
     """Returns the fit to another signal's spectrum in the same range, with the same kinds."""
-    fit = chosen(spectrum.part(*found.whole), scatter, KOLMOGOROV_SLOPE, found.fixed)
+    part = replace(spectrum, nyquist=found.fixed.nyquist).part(*found.whole)
+    fit = chosen(part, scatter, KOLMOGOROV_SLOPE, found.fixed)
     if fit is None:
         return None
     constant = level_of(spectrum, as_inertial(found, fit))
     return replace(fit, level=constant * ONE_SIDED_CYCLES) if constant > 0 else None
+
+
+def slope_of(spectrum: Binned, found: Inertial, scatter: float) -> tuple[float, float]:
+    """Returns the free slope of a part of the record and its uncertainty, with the parts found."""
+    part = replace(spectrum, nyquist=found.fixed.nyquist).part(*found.whole)
+    kind = ("floor",) * bool(found.fixed.floor) + ("roll",) * bool(found.roll_m)
+    fit = _fit(part, kind, scatter, None, found.bend)
+    return (fit.slope, fit.uncertainty) if fit else (math.nan, math.inf)
 
 
 def as_inertial(found: Inertial, fit: Fit) -> Inertial:
@@ -456,7 +488,7 @@ def as_inertial(found: Inertial, fit: Fit) -> Inertial:
 def none(spectrum: Binned, nyquist: float, scatter: float) -> Inertial:
     """Returns what a spectrum without any power law has: a slope through all of it, no C^2."""
     part = spectrum.part(float(spectrum.frequency[0]), nyquist / 2)
-    fit = _fit(part, (False, False, False), scatter, None) or Fit(
+    fit = _fit(part, (), scatter, None) or Fit(
         float(np.mean(part.density)), 0.0, 0.0, 0.0, 0.0, math.inf, math.inf, math.inf
     )
     low = float(part.frequency[0])

@@ -36,6 +36,7 @@ class Binned:
     power: Array
     density: Array
     count: Array
+    nyquist: float = np.inf  # cycles/m, beyond which the signal is folded
 
     def part(self, low: float, high: float) -> Binned:
         """Returns the bins between two spatial frequencies."""
@@ -44,7 +45,11 @@ class Binned:
     def where(self, chosen: NDArray[np.bool_] | slice) -> Binned:
         """Returns some of the bins."""
         return Binned(
-            self.frequency[chosen], self.power[chosen], self.density[chosen], self.count[chosen]
+            self.frequency[chosen],
+            self.power[chosen],
+            self.density[chosen],
+            self.count[chosen],
+            self.nyquist,
         )
 
 

@@ -59,16 +59,17 @@ def noise_variance(spectrum: Binned, found: Inertial, nyquist: float) -> tuple[f
     """Returns the noise's variance, and the spatial frequency up to which it reaches.
 
     Within the fit it is the floor's; beyond, what was measured there less the line. What the signal
-    itself folds down from beyond Nyquist's frequency, `nyquist`, is taken off.
+    itself may fold down from beyond Nyquist's frequency, `nyquist`, is taken off.
     """
     fixed = found.fixed
     high = found.fitted[1]
     beyond = spectrum.frequency > high
     xi, measured = spectrum.frequency[beyond], spectrum.density[beyond]
     width = spectrum.count[beyond] / max(float(spectrum.count[beyond].sum()), 1.0)
-    excess = float(np.sum((measured - fixed.line(xi)) * width)) * max(nyquist - high, 0.0)
+    signal = fixed.density(xi) - fixed.floor
+    excess = float(np.sum((measured - signal) * width)) * max(nyquist - high, 0.0)
     variance = fixed.floor * high + max(excess, 0.0)
-    folded = 1.5 * fixed.level * math.pow(nyquist, -2 / 3)
+    folded = (1 - fixed.fold) * 1.5 * fixed.level * math.pow(nyquist, -2 / 3)
     reach = min(variance / fixed.floor, nyquist) if fixed.floor > 0 else nyquist
     return max(0.0, variance - folded), reach
 
