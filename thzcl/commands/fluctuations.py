@@ -53,6 +53,17 @@ def fluctuations(
     pressure_hpa: Annotated[
         float | None, typer.Option(metavar="P", help="air pressure, where the record has none")
     ] = None,
+    second: Annotated[
+        list[Path] | None,
+        typer.Option(metavar="FILE", help="another hygrometer's file; may be given several times"),
+    ] = None,
+    separation_m: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="D,...",
+            help="how far away each --second, then h2o_2, or each virtual sensor stands",
+        ),
+    ] = None,
     how: HowRecord = RecordFormat.table,
 ) -> None:
     """Tell how humidity fluctuates in a hygrometer's record: spectrum, constants and scales."""
@@ -65,7 +76,12 @@ def fluctuations(
     _check_positive(
         batch_minutes=batch_minutes, height_m=height_m, rate_hz=rate_hz, pressure_hpa=pressure_hpa
     )
-    asked = study.Asked(columns, batch_minutes, height_m, rate_hz, pressure_hpa)
+    apart = _separations(separation_m or [])
+    asked = study.Asked(
+        columns, batch_minutes, height_m, rate_hz, pressure_hpa, tuple(second or ()), apart
+    )
+    if virtual and second:
+        raise UsageError("--second: virtual sensors are made by --separation-m alone")
     if virtual:
         found = study.study_virtual(virtual, output, scene, asked)
     else:
@@ -90,6 +106,20 @@ def _check_positive(**numbers: float | None) -> None:
             raise UsageError(f"--{option} {value:g}: expected a positive number")
 
 
+def _separations(texts: list[str]) -> tuple[float, ...]:
+    """Returns separations in m. Raises UsageError if one is no positive number."""
+    found = []
+    for text in ",".join(texts).split(",") if texts else ():
+        try:
+            value = float(text)
+        except ValueError:
+            value = 0.0
+        if not 0 < value < 1e6:
+            raise UsageError(f'--separation-m "{text}": expected a positive number of metres')
+        found.append(value)
+    return tuple(found)
+
+
 def understood(columns: tuple[dict[str, Any], ...]) -> Table:
     """Returns what was found in a file, and how each column was understood."""
     from thzcl.commands.tables import Column, Table
@@ -111,7 +141,8 @@ def understood(columns: tuple[dict[str, Any], ...]) -> Table:
 
 def tables(found: dict[str, Any]) -> list[Table]:
     """Returns what a hygrometer's record tells as tables: all of it, and by batch."""
-    return [table(found), *([_batches(found)] if len(found["batch_statistics"]) > 1 else [])]
+    by_batch = [_batches(found)] if len(found["batch_statistics"]) > 1 else []
+    return [table(found), *by_batch, *([_pairs(found)] if found["pairs"] else [])]
 
 
 def table(found: dict[str, Any]) -> Table:
@@ -138,6 +169,29 @@ def _batches(found: dict[str, Any]) -> Table:
             "gaps")  # fmt: skip
     rows = tuple(tuple(batch[key] for key in keys) for batch in found["batch_statistics"])
     return Table("by batch", columns, rows)
+
+
+def _pairs(found: dict[str, Any]) -> Table:
+    """Returns a row for each other sensor, with Taylor's curve of the first beside it."""
+    from thzcl.commands.tables import Column, Table
+
+    columns = (
+        Column("second sensor"), Column("away", "m", "g"), Column("wind"),
+        Column("covariance", "", ".3g"), Column("+-", "", ".2g"), Column("by Taylor", "", ".3g"),
+        Column("correlation", "", ".3f"), Column("D(r)", "", ".3g"), Column("+-", "", ".2g"),
+        Column("by Taylor", "", ".3g"), Column("C_q^2", "", ".3g"),
+    )  # fmt: skip
+    rows = tuple(
+        (
+            Path(pair["second"]).name, pair["separation_m"], pair["direction"],
+            pair["covariance_g2_m6"], pair["uncertainty"].get("covariance_g2_m6"),
+            pair["taylor_covariance_g2_m6"], pair["correlation"],
+            pair["structure_function_g2_m6"], pair["uncertainty"].get("structure_function_g2_m6"),
+            pair["taylor_structure_function_g2_m6"], pair["structure_constant_q"],
+        )
+        for pair in found["pairs"]
+    )  # fmt: skip
+    return Table("two sensors, (g/m3)^2, noise taken off", columns, rows)
 
 
 def _record(found: dict[str, Any]) -> list[Row]:

@@ -269,7 +269,10 @@ def analyse(
     temperature = None
     if spectra.temperature is not None and found.structure_constant is not None:
         temperature = inertial.like(spectra.temperature, found, scatter)
-    both = cross.together(spectra, found, temperature) if temperature else None
+    both = None
+    if temperature is not None and found.structure_constant is not None:
+        levels = found.structure_constant, temperature.level / inertial.ONE_SIDED_CYCLES
+        both = cross.together(spectra, found, temperature, levels)
     of_blocks = [list(block_spectra(batch)) for batch in batches]
     thirds, steady = _thirds(of_blocks, found)
     scales = [_integral_scale(batch) for batch in batches]
@@ -446,18 +449,24 @@ def _of_temperature(
     found, fit = analysis.inertial, analysis.temperature
     assert fit is not None  # noqa: S101 (as the caller has it)
     warm = inertial.as_inertial(found, fit)
-    levels, pairs = [], []
+    rows: dict[str, list[list[float]]] = {
+        "structure_constant_t": [], "c_tq": [], "correlation_tq_inertial": []
+    }  # fmt: skip
     for blocks in of_blocks:
-        own = [block for block in blocks if block.temperature is not None]
-        levels.append([inertial.level_of(b.temperature, warm) for b in own if b.temperature])
-        pairs.append([cross.together(block, found, fit) for block in own])
-    constants = [[p.constant for p in row if p] for row in pairs]
-    shares = [[p.correlation for p in row if p and p.correlation is not None] for row in pairs]
-    return {
-        "structure_constant_t": growth * _spread(levels),
-        "c_tq": growth * _spread(constants),
-        "correlation_tq_inertial": _spread(shares),
-    }
+        for row in rows.values():
+            row.append([])
+        for block in blocks:
+            if block.temperature is None:
+                continue
+            levels = (inertial.level_of(block.humidity, found),
+                      inertial.level_of(block.temperature, warm))  # fmt: skip
+            both = cross.together(block, found, fit, levels)
+            rows["structure_constant_t"][-1].append(levels[1])
+            if both is not None:
+                rows["c_tq"][-1].append(both.constant)
+                rows["correlation_tq_inertial"][-1].append(both.correlation)
+    told = {key: _spread(row) for key, row in rows.items()}
+    return told | {k: growth * told[k] for k in ("structure_constant_t", "c_tq")}
 
 
 def _of_batch(batch: Batch, found: Inertial, lowest: float) -> Inertial:

@@ -164,16 +164,24 @@ def bare_of(name: str) -> str:
     return re.sub(r"[^a-z0-9]", "", spelt)
 
 
-def find(names: Sequence[str], unit_row: Sequence[str], chosen: str, place: str) -> Columns:
+def find(
+    names: Sequence[str],
+    unit_row: Sequence[str],
+    chosen: str,
+    place: str,
+    companion: bool = False,
+) -> Columns:
     """Returns the columns of a file by role, with all problems of the header at once.
 
     `unit_row` are the units of the file's own line of units, or empty texts. `chosen` is what the
-    user says, "h2o=NAME:UNIT,Ux=NAME"; `place` is the header's file and line, for messages. Raises
-    RecordError if --columns cannot be understood.
+    user says, "h2o=NAME:UNIT,Ux=NAME"; `place` is the header's file and line, for messages. A
+    `companion`'s file need not have them. Raises RecordError if --columns cannot be understood.
     """
     parts = [split(name, unit) for name, unit in zip(names, unit_row, strict=True)]
     found = Columns()
     for role, (name, unit) in _chosen(chosen).items():
+        if companion and (role == SECOND or not {name} & {*names, *(part for part, _ in parts)}):
+            continue
         _take_chosen(found, role, name, unit, names, parts, place)
     _find_time(found, names, parts)
     if "h2o" not in found.by_role:

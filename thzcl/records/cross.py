@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from thzcl.records.batches import Batch, Spectra
-from thzcl.records.inertial import KOLMOGOROV_SLOPE, ONE_SIDED_CYCLES, Fit, Inertial
+from thzcl.records.inertial import Fit, Inertial
 from thzcl.records.spectrum import TAPERS
 
 Array = NDArray[np.float64]
@@ -21,36 +21,33 @@ class Together:
     """How temperature and humidity go together in the inertial range.
 
     `constant` is C_Tq, signed, in K g/m3 m^-2/3: <dT dq> = C_Tq r^(2/3); `correlation` is that of
-    the inertial range, noise taken off, or None where noise leaves nothing.
+    the inertial range, noise taken off.
     """
 
     constant: float
-    correlation: float | None
+    correlation: float
 
 
-def together(spectra: Spectra, found: Inertial, temperature: Fit) -> Together | None:
+def together(
+    spectra: Spectra, found: Inertial, temperature: Fit, levels: tuple[float, float]
+) -> Together | None:
     """Returns how temperature and humidity go together, of pooled spectra or of a block's.
 
     r = sum Re S_tq / sqrt(sum (S_q - n_q) sum (S_t - n_t)) over the inertial range, and not the
-    root of coherence, which five tapers bias by a fifth. C_Tq is fitted to Re S_tq as C^2 to a
-    density, one-sided 2 0.1244 (2 pi)^(-2/3) C_Tq xi^(-5/3) (Tatarskii 1971), by weighted least
-    squares.
+    root of coherence, which five tapers bias by a fifth; C_Tq = r C_T C_q. `levels` are C_q^2 and
+    C_T^2. The range's large eddies weigh most, since sensors some decimetres apart lose the
+    coherence of the small ones. None where noise leaves nothing.
     """
     assert spectra.temperature is not None and spectra.cross is not None  # noqa: S101, PT018
     xi = spectra.humidity.frequency
     chosen = (xi >= found.limits[0]) & (xi <= found.limits[1])
-    if not chosen.any():
-        return None
     count, q = spectra.humidity.count[chosen], spectra.humidity.density[chosen]
     t, both = spectra.temperature.density[chosen], spectra.cross.real[chosen]
-    power = ONE_SIDED_CYCLES * xi[chosen] ** KOLMOGOROV_SLOPE
-    weight = count * power**2 / np.maximum(found.fixed.density(xi[chosen]), 1e-300) ** 2
-    constant = float(np.sum(weight * both / power) / np.sum(weight))
     own = [float(np.sum(count * (s - n))) for s, n in ((q, found.noise), (t, temperature.floor))]
-    if min(own) <= 0:
-        return Together(constant, None)
-    correlation = float(np.sum(count * both) / np.sqrt(own[0] * own[1]))
-    return Together(constant, float(np.clip(correlation, -1, 1)))
+    if min(*own, *levels) <= 0:
+        return None
+    correlation = float(np.clip(np.sum(count * both) / np.sqrt(own[0] * own[1]), -1, 1))
+    return Together(correlation * float(np.sqrt(levels[0] * levels[1])), correlation)
 
 
 def coherence(spectra: Spectra) -> dict[str, list[float]] | None:

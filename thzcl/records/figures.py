@@ -5,7 +5,7 @@ They show humidity and wind against time, humidity against wind run, and the spe
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -23,15 +23,26 @@ MOST_POINTS = 40_000  # of a line; beyond, means of several samples are drawn
 LOWEST = 1e-5  # of the line's end; a spectrum that breaks off has nothing to show below
 
 
-def write(analysis: Analysis, folder: Path) -> list[Path]:
+Pairs = Sequence[Mapping[str, Any]]
+
+
+def write(
+    analysis: Analysis,
+    folder: Path,
+    pairs: Pairs | None = None,
+    taylor: Mapping[str, Any] | None = None,
+) -> list[Path]:
     """Writes NAME-time.png, NAME-wind-run.png and NAME-spectrum.png; returns their paths.
 
-    NAME is that of the record's first file. Raises OSError if a file cannot be written.
+    With `pairs` of sensors and Taylor's curve (sensor_pairs.as_json) NAME-pairs.png too. NAME is
+    that of the record's first file. Raises OSError if a file cannot be written.
     """
     stem = Path(analysis.record.files[0]).stem
     pictures: dict[str, Callable[[Analysis, Any], None]] = {
         "time": _against_time, "wind-run": _against_wind_run, "spectrum": _spectra,
     }  # fmt: skip
+    if pairs and taylor:
+        pictures["pairs"] = partial(_pairs, pairs, taylor)
     files = []
     for name, draw in pictures.items():
         files.append(folder / f"{stem}-{name}.png")
@@ -153,3 +164,35 @@ def _inertial(analysis: Analysis, ax: Any, fitted: Array) -> None:
         ax.loglog(fitted, found.fixed.density(fitted), color="C1", lw=1.2, ls="--", label=label)
     slope = f"inertial range, slope {found.slope:.3f} ± {found.slope_uncertainty:.3f}"
     ax.axvspan(*found.limits, color="C3", alpha=0.07, lw=0, label=slope)
+
+
+def _pairs(pairs: Pairs, taylor: Mapping[str, Any], analysis: Analysis, figure: Any) -> None:
+    """Draws covariance and structure function of sensors apart, beside Taylor's curve."""
+    first = Path(analysis.record.files[0]).name
+    for ax, key, name in zip(
+        figure.subplots(1, 2),
+        ("covariance_g2_m6", "structure_function_g2_m6"),
+        ("covariance", "structure function"),
+        strict=True,
+    ):
+        label = f"{first} along the wind (Taylor)"
+        ax.plot(taylor["separation_m"], taylor[key], color="C0", lw=1, label=label)
+        for direction, mark in (
+            ("along", ">"),
+            ("across", "^"),
+            ("oblique", "D"),
+            ("unknown", "o"),
+        ):
+            own = [pair for pair in pairs if pair["direction"] == direction]
+            if own:
+                ax.errorbar(
+                    [pair["separation_m"] for pair in own],
+                    [pair[key] for pair in own],
+                    [pair["uncertainty"].get(key, 0.0) for pair in own],
+                    fmt=mark, color="C3", ms=5, capsize=2,
+                    label=f"two sensors, {direction} the wind"
+                    if direction != "unknown" else "two sensors",
+                )  # fmt: skip
+        ax.set(xscale="log", xlabel="separation / m", ylabel=f"{name} / (g/m³)²")
+    figure.axes[1].set_yscale("log")
+    figure.suptitle("two hygrometers, noise taken off", fontsize=10)

@@ -167,6 +167,9 @@ def _before_steepening(part: Binned, scatter: float, lowest: float) -> Inertial 
     """
     for stop in range(len(part.frequency) - STEPS, 5, -STEPS):
         lower = part.where(slice(0, stop))
+        plain = _fit(lower, ("bend",), scatter, None)
+        if plain is None or plain.slope < KOLMOGOROV_SLOPE - CLEARLY:
+            continue  # too steep already, and a floor would make it steeper
         best = chosen(lower, scatter, rolls=(False,))
         if best is None or not _fits(lower, best, scatter):
             continue

@@ -82,17 +82,21 @@ class _Read:
         return sum(map(len, self.lines))
 
 
-def read(path: Path, chosen: str = "", rate_hz: float | None = None) -> Rows:
+def read(
+    path: Path, chosen: str = "", rate_hz: float | None = None, companion: bool = False
+) -> Rows:
     """Returns the rows of a file; `chosen` names columns, as in columns.find.
 
-    Raises RecordError, which names file, line and column, if the file holds no record.
+    A `companion`, the file of another hygrometer beside the first, needs no wind, nor all of the
+    chosen columns. Raises RecordError, which names file, line and column, if the file holds no
+    record.
     """
     try:
         with opening.opened(path) as stream:
             layout, lines = layouts.find(path, stream)
             place = f"{path}:{layout.header_line}"
-            columns = find(layout.names, layout.units, chosen, place)
-            _complete(columns, layout, place, rate_hz)
+            columns = find(layout.names, layout.units, chosen, place, companion)
+            _complete(columns, layout, place, rate_hz, companion)
             return _rows(layout, columns, lines, rate_hz)
     except csv.Error as error:
         raise RecordError(
@@ -100,7 +104,9 @@ def read(path: Path, chosen: str = "", rate_hz: float | None = None) -> Rows:
         ) from None
 
 
-def _complete(columns: Columns, layout: Layout, place: str, rate_hz: float | None) -> None:
+def _complete(
+    columns: Columns, layout: Layout, place: str, rate_hz: float | None, companion: bool
+) -> None:
     """Raises RecordError with all problems of the header, missing time and wind among them."""
     found = columns.by_role
     names = ", ".join(filter(None, layout.names))[:300]
@@ -110,7 +116,7 @@ def _complete(columns: Columns, layout: Layout, place: str, rate_hz: float | Non
             f"{place}: expected a column of time stamps; {told} time=NAME, "
             "or give the samples a second with --rate-hz"
         )
-    if not ({"Ux", "Uy"} <= found.keys() or "speed" in found):
+    if not ({"Ux", "Uy"} <= found.keys() or "speed" in found or companion):
         columns.problems.append(
             f"{place}: expected columns of wind, Ux, Uy and Uz, or a wind speed, in m/s; "
             f"{told} Ux=NAME,Uy=NAME or speed=NAME"

@@ -110,14 +110,16 @@ def load(
     columns: str = "",
     rate_hz: float | None = None,
     pressure_hpa: float | None = None,
+    companion: bool = False,
 ) -> Record:
     """Returns the record in one file, or in several files of one station.
 
     `columns` is as in columns.find; `rate_hz` are samples a second where the files have no time, or
-    stamps of whole seconds; `pressure_hpa` takes the place of the record's own. Raises RecordError
-    if the files hold no record; the message says file, line, column and what was expected.
+    stamps of whole seconds; `pressure_hpa` takes the place of the record's own. A `companion`, the
+    record of another hygrometer beside the first, needs no wind. Raises RecordError if the files
+    hold no record; the message says file, line, column and what was expected.
     """
-    draft = _draft(join(_all_read(paths, columns, rate_hz), rate_hz))
+    draft = _draft(join(_all_read(paths, columns, rate_hz, companion), rate_hz))
     _mask(draft)
     _check(draft)
     gaps = int(np.isnan(draft.values["h2o"]).sum())
@@ -130,12 +132,14 @@ def load(
     return _finished(draft, gaps, told, pressure_hpa)
 
 
-def _all_read(paths: Sequence[Path], columns: str, rate_hz: float | None) -> list[Rows]:
+def _all_read(
+    paths: Sequence[Path], columns: str, rate_hz: float | None, companion: bool
+) -> list[Rows]:
     """Returns the rows of all files. Raises RecordError with the problems of all of them."""
     found, problems = [], []
     for path in paths:
         try:
-            found.append(read(path, columns, rate_hz))
+            found.append(read(path, columns, rate_hz, companion))
         except RecordError as error:
             problems += str(error).splitlines()
     if problems:
@@ -198,9 +202,10 @@ def _check(draft: _Draft) -> None:
 
     Other columns are left out then.
     """
-    needed = ("h2o", "Ux", "Uy") if "Ux" in draft.values else ("h2o", "speed")
-    if "Ux" in draft.values and "speed" in draft.values:
-        del draft.values["speed"]  # the components say more
+    horizontal = {"Ux", "Uy"} <= draft.values.keys()
+    needed = ("h2o", "Ux", "Uy") if horizontal else ("h2o", "speed")
+    for role in ("speed",) if horizontal else ("Ux", "Uy"):  # components say more than a speed
+        draft.values.pop(role, None)
     for role, found in [*draft.values.items()]:
         missing = float(np.isnan(found).mean())
         told = ""
@@ -241,9 +246,10 @@ def _finished(draft: _Draft, gaps: int, told: dict[str, int], pressure_hpa: floa
     _, notes = plausible.check_saturation(
         draft.columns["h2o"], humidity, thermometer, known, length, draft.begin("h2o")
     )
-    components = [role for role in WIND if role in values] or ["speed"]
-    wind = np.stack([values[role] for role in components])
-    _check_wind(draft, wind, components)
+    components = [role for role in (*WIND, "speed") if role in values]
+    wind = np.array([values[role] for role in components])
+    if components:  # another hygrometer's file may have no wind
+        _check_wind(draft, wind, components)
     return Record(
         files=tuple(str(part.layout.path) for part in joined.parts),
         station=draft.first.layout.station,
@@ -344,7 +350,7 @@ def _taken(draft: _Draft, pressure: Array | float | None) -> Iterator[str]:
             yield f"column {column.name} names no unit: taken as {column.unit} by its size; {say}"
         elif column.assumed:
             yield f"column {column.name} names no unit: taken as {column.assumed}"
-    if "Ux" not in draft.values:
+    if "speed" in draft.values:
         yield (
             "wind is a speed without direction: its mean exceeds the mean vector, "
             "and so does the wind run"

@@ -146,7 +146,7 @@ def _turbulence(analysis: Analysis, table: str) -> Iterator[str]:
     yield _outer_scale(analysis)
     yield f"structure_constant_q = {analysis.inertial.structure_constant:.4g}"
     both = analysis.together
-    if analysis.structure_constant_t is not None and both and both.correlation is not None:
+    if analysis.structure_constant_t is not None and both:
         yield f"structure_constant_t = {analysis.structure_constant_t:.4g}"
         yield f"correlation_tq = {both.correlation:.3f}  # in the inertial range"
     wind = f"wind_m_s = [0, {analysis.record.wind_speed_m_s:.4g}, 0]"

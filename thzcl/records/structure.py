@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from thzcl.records.inertial import BELOW_ROLL, ONE_SIDED_CYCLES, Inertial
+from thzcl.records.inertial import BELOW_ROLL, ONE_SIDED_CYCLES, Fit, Inertial
 from thzcl.records.spectrum import Binned
 
 Array = NDArray[np.float64]
@@ -27,6 +27,7 @@ STRAIGHT = 0.03  # relative departure of a structure function from its line
 # The integral of x^(1/3) / (1 + x^2): what a first-order sensor loses, in 2 A C^2 c^(2/3).
 LOST = math.pi / (2 * math.sin(2 * math.pi / 3))
 FEWEST = 4  # separations
+FAR = 1e3  # Nyquist frequencies, up to which a line is integrated
 
 
 @dataclass(frozen=True)
@@ -58,8 +59,10 @@ def _mean_square(steps: Array) -> float:
 def noise_variance(spectrum: Binned, found: Inertial, nyquist: float) -> tuple[float, float]:
     """Returns the noise's variance, and the spatial frequency up to which it reaches.
 
-    Within the fit it is the floor's; beyond, what was measured there less the line. What the signal
-    itself may fold down from beyond Nyquist's frequency, `nyquist`, is taken off.
+    Within the fit it is the floor's; beyond, what was measured there less the line. What the line
+    has beyond Nyquist's frequency, `nyquist`, and did not fold down is taken off: a floor may be
+    nothing but that, and a filter before the sampling loses it. So the variance is negative where
+    the record lacks more of the line than it has of noise.
     """
     fixed = found.fixed
     high = found.fitted[1]
@@ -68,10 +71,16 @@ def noise_variance(spectrum: Binned, found: Inertial, nyquist: float) -> tuple[f
     width = spectrum.count[beyond] / max(float(spectrum.count[beyond].sum()), 1.0)
     signal = fixed.density(xi) - fixed.floor
     excess = float(np.sum((measured - signal) * width)) * max(nyquist - high, 0.0)
-    variance = fixed.floor * high + max(excess, 0.0)
-    folded = (1 - fixed.fold) * 1.5 * fixed.level * math.pow(nyquist, -2 / 3)
-    reach = min(variance / fixed.floor, nyquist) if fixed.floor > 0 else nyquist
-    return max(0.0, variance - folded), reach
+    variance = fixed.floor * high + excess
+    reach = min(variance / fixed.floor, nyquist) if fixed.floor > 0 < variance else nyquist
+    return variance - (1 - fixed.fold) * _beyond(fixed, nyquist), reach
+
+
+def _beyond(fit: Fit, nyquist: float) -> float:
+    """Returns the variance that a fitted line has beyond a spatial frequency."""
+    xi = nyquist * np.geomspace(1, FAR, 400)
+    rest = 1.5 * float(fit.line(xi[-1:])[0] * xi[-1])
+    return float(np.trapezoid(fit.line(xi) * xi, np.log(xi))) + (0.0 if fit.roll else rest)
 
 
 def fit(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -28,12 +29,15 @@ SLOPES = (0.2451, 0.4302)
 PASSES = 128  # at most, through the cube
 
 
-def write(source: str | Path, folder: Path) -> Path:
+def write(
+    source: str | Path, folder: Path, separations_m: Sequence[float] = ()
+) -> tuple[Path, ...]:
     """Writes NAME-virtual.csv, a hygrometer's record in the air of a scenario's first image.
 
     The record has time_s, h2o_g_m3, Ux_m_s and Uy_m_s, and Ts_C and press_hPa if temperature
-    fluctuates. Returns its path. Raises RecordError if the air does not fluctuate, and
-    ScenarioError, DeviceError and OSError.
+    fluctuates. For each separation NAME-virtual-Dm.csv is another hygrometer's, which stands across
+    the wind at the same height. Returns the paths. Raises RecordError if the air does not
+    fluctuate, or if a separation exceeds half the cube, and ScenarioError, DeviceError and OSError.
     """
     variant = pipeline.prepare(source).variants[0]
     flow = variant.scene.atmosphere.fluctuations
@@ -43,30 +47,64 @@ def write(source: str | Path, folder: Path) -> Path:
             "an absorbing model"
         )
     ((cube,),) = evaluate([(variant.cube,)], open_device())
+    period = cube.grid * cube.voxel_m
+    for separation in separations_m:
+        if separation > period / 2:
+            raise RecordError(
+                f"--separation-m {separation:g}: {source}'s cube repeats after {period:g} m; "
+                f"expected {period / 2:g} m at most"
+            )
     air = variant.scene.atmosphere.air
     speed = math.hypot(*flow.wind_m_s) or CALM_M_S
-    grams = air.absolute_humidity_g_m3 * (1 + transect(cube.delta.host()))
-    grams = np.maximum(grams, 0.0)  # between voxels, waves overshoot
-    kelvin = np.full(len(grams), air.temperature_k)
-    if cube.offset is not None:
-        kelvin += transect(cube.offset.host())
-    columns: dict[str, Any] = {
-        "time_s": np.arange(len(grams)) * step_m(cube.grid, cube.voxel_m) / speed,
-        "h2o_g_m3": grams,
-        "Ux_m_s": np.full(len(grams), speed),
-        "Uy_m_s": np.zeros(len(grams)),
-    }
-    if cube.offset is not None:
-        vapour_hpa = humidity.vapour_pressure_from_absolute(grams, kelvin)
-        columns["Ts_C"] = kelvin * (1 + SONIC_HUMIDITY * vapour_hpa / air.pressure_hpa) - KELVIN
-        columns["press_hPa"] = np.full(len(grams), air.pressure_hpa)
-    path = folder / f"{Path(source).stem}-virtual.csv"
+    delta = np.asarray(cube.delta.host(), dtype=np.float64)
+    offset = None if cube.offset is None else np.asarray(cube.offset.host(), dtype=np.float64)
+    name, files = Path(source).stem, []
+    for separation in (0.0, *separations_m):
+        voxels = separation / cube.voxel_m
+        grams = air.absolute_humidity_g_m3 * (1 + transect(moved(delta, voxels)))
+        grams = np.maximum(grams, 0.0)  # between voxels, waves overshoot
+        columns: dict[str, Any] = {
+            "time_s": np.arange(len(grams)) * step_m(cube.grid, cube.voxel_m) / speed,
+            "h2o_g_m3": grams,
+            "Ux_m_s": np.full(len(grams), speed),
+            "Uy_m_s": np.zeros(len(grams)),
+        }
+        if offset is not None:
+            kelvin = air.temperature_k + transect(moved(offset, voxels))
+            vapour_hpa = humidity.vapour_pressure_from_absolute(grams, kelvin)
+            columns["Ts_C"] = kelvin * (1 + SONIC_HUMIDITY * vapour_hpa / air.pressure_hpa) - KELVIN
+            columns["press_hPa"] = np.full(len(grams), air.pressure_hpa)
+        files.append(folder / f"{name}-virtual{f'-{separation:g}m' if separation else ''}.csv")
+        _save(files[-1], columns)
+    return tuple(files)
+
+
+def _save(path: Path, columns: dict[str, Any]) -> None:
+    """Writes columns by name as CSV."""
     rows = np.stack(list(columns.values()), axis=1)
     write_whole(
         path,
         lambda part: np.savetxt(part, rows, "%.9g", ",", header=",".join(columns), comments=""),
     )
-    return path
+
+
+def moved(cube: Array, voxels: float) -> Array:
+    """Returns a periodic cube (z, y, x) as seen so many voxels across the wind, at equal height.
+
+    The wind blows along a transect, whose horizontal part is (n, rise in y): across is
+    (-rise in y, n). Between voxels the cube's own Fourier series is taken.
+    """
+    from scipy import fft
+
+    if not voxels:
+        return cube
+    grid = cube.shape[0]
+    climb, _ = rise(grid)
+    size = math.hypot(climb, grid)
+    along_y, along_x = np.fft.fftfreq(grid)[:, None], np.fft.rfftfreq(grid)
+    phase = voxels * (along_y * grid - along_x * climb) / size
+    shifted = fft.rfft2(cube, axes=(1, 2)) * np.exp(2j * np.pi * phase)
+    return np.asarray(fft.irfft2(shifted, cube.shape[1:], axes=(1, 2)))
 
 
 def rise(grid: int) -> tuple[int, int]:
