@@ -26,6 +26,14 @@ class PassiveSpectral(Sensor):
     equals what reaches the pixel: the attenuated radiance of a surface, and that of the air in
     front of it. With several frequencies the image is the mean of their brightness temperatures;
     the result file keeps each of them.
+
+    Noise: none. It shows what there is to be seen, and serves to check numbers; detectors with
+    noise are "passive-broadband" and "radiometer".
+
+    Left out: a detector and its noise, the width of a band, throughput, side lobes and stray light.
+
+    Validation: a slow float64 oracle that walks each ray by itself (tests/test_physics.py,
+    tests/test_matrix.py).
     """
 
     name = "passive-spectral"

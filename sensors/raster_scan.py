@@ -18,6 +18,18 @@ class RasterScan(Sensor):
     taken at n dwell times, row by row from the top left, or column by column, back and forth or
     always in one direction. With "focal-plane" all pixels are taken together, and the mean of
     `samples` instants spread over the integration time is recorded.
+
+    Noise: that of the detector, which gets the dwell time (with "focal-plane" the integration time)
+    as its time on a pixel. A detector's own `integration_time_s` may be shorter, as where a mirror
+    has to settle, and is refused if it is longer.
+
+    Left out: the air's motion within a dwell time, time lost between pixels and rows, errors of
+    pointing, targets that move.
+
+    Validation: without wind it is the snapshot to the bit; a reversed scan in reversed wind is the
+    forward one; pixels are those of snapshots at their own times, through optics too
+    (tests/test_scanning.py, tests/test_pairs.py); with every other feature it is the oracle's
+    (tests/test_matrix.py).
     """
 
     name = "raster-scan"

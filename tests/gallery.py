@@ -46,7 +46,8 @@ INTRODUCTION = """# Gallery
 The scenes that come with thzcl, each with the picture that its command makes. `thzcl scenarios`
 lists them, `thzcl new` copies `quick`, and every file here can be copied and changed:
 [KEYS.md](KEYS.md) tells every key. The subject of figures 7 to 9 is a phantom, drawn by
-[phantom.py](phantom.py), since the paper's own is not public.
+[phantom.py](phantom.py), since the paper's own is not public. [IMAGERS.md](IMAGERS.md) has the
+noise of imagers that exist beside thzcl's.
 """
 ABSORPTION = """## Absorption
 

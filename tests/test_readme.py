@@ -8,6 +8,7 @@ from typing import Annotated, Literal
 
 import air_page
 import gallery
+import imagers
 import keys
 import pytest
 import tomli
@@ -24,7 +25,7 @@ from thzcl.studies.stress.cases import cases
 README = ROOT / "README.md"
 SPEED = ROOT / "tests" / "bench" / "README.md"
 RECORDS = ROOT / "thzcl" / "records" / "README.md"
-PAGES = (README, gallery.PAGE, keys.PAGE, SPEED, RECORDS, air_page.PAGE)
+PAGES = (README, gallery.PAGE, keys.PAGE, imagers.PAGE, SPEED, RECORDS, air_page.PAGE)
 PICTURE = re.compile(r"!\[[^\]]+\]\(([^)]+)\)")
 LINK = re.compile(r"(?<!!)\[[^\]]+\]\(([^)]+)\)")
 

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import inspect
+
 import numpy as np
 import pytest
 from scenes import ACTIVE, BROAD, run, scene
 
 from thzcl import pipeline
 from thzcl.errors import ScenarioError
+from thzcl.scenario.sensors import HOOK, sensor_class
 
 SCAN = {"kind": "raster-scan", "dwell_s": 1.0}
 SPECTRAL = {"kind": "passive-spectral", "frequency_ghz": 650.0}
@@ -61,6 +64,14 @@ def test_what_makes_no_sense_is_refused(tmp_path, case):
     with pytest.raises(ScenarioError) as caught:
         run(tmp_path, scene(sensor=sensor))
     assert expected in str(caught.value)
+
+
+@pytest.mark.parametrize("kind", HOOK.built_ins)
+def test_a_manual_page_tells_noise_and_what_is_left_out(kind):
+    """And what the sensor was held against."""
+    page = inspect.cleandoc(sensor_class(kind).__doc__).split("\n\n")
+    for word in ("Noise: ", "Left out: ", "Validation: "):
+        assert sum(part.startswith(word) for part in page) == 1, word
 
 
 def test_figures_7_to_9_show_what_the_paper_says():
