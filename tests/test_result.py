@@ -364,7 +364,7 @@ def test_completion_offers_what_thzcl_has():
     import thzcl
 
     shown = {name for name in dir(thzcl) if not name.startswith("_")}
-    assert shown == {"Result", "open_device", "run"}
+    assert shown == {"Result", "Scene", "open_device", "run"}
     assert all(getattr(thzcl, name) for name in dir(thzcl) if name != "__doc__")
 
 
