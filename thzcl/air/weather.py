@@ -13,6 +13,7 @@ ends. d phi(tau) stands for the integral of the transmission, which it is in eve
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from functools import lru_cache
 from itertools import pairwise
@@ -106,6 +107,7 @@ class Weather:
     reflectivity: float = 0.0
     around_k: float | None = None
     directions: int = scattering.DIRECTIONS
+    highest_m: float = math.inf  # the layers end there, if they do not before
 
     def extinction(self, frequency_hz: Array) -> Array:
         """Returns what falls takes from light, 1/m, (frequency,)."""
@@ -227,7 +229,7 @@ def _solve(weather: Weather, frequencies: tuple[float, ...]) -> _Solved:
     emission = gas[..., None] * of_air
     moments = np.zeros((ORDERS, *gas.shape))
     for kind in falling(air, hz):
-        there = edges[1:] <= kind.top_m * (1 + 1e-12)
+        there = edges[1:] <= min(kind.top_m, weather.highest_m) * (1 + 1e-12)
         absorbed, turned = (one[:, None] * there for one in (kind.absorption, kind.scattering))
         warmer = (kind.kelvin - air.temperature_k)[:, None, None]
         own_k = np.maximum(np.stack([high_k, low_k], axis=-1) + warmer, 1.0)
@@ -259,7 +261,7 @@ def _gas(weather: Weather, hz: Array) -> tuple[Array, Array, Array, Array]:
     """
     air, column = weather.air, weather.column
     whole = air.absorption(hz)
-    tops = sorted({kind.top_m for kind in falling(air, hz)})
+    tops = sorted({min(kind.top_m, weather.highest_m) for kind in falling(air, hz)})
     if column is not None:
         highest = float(sky.levels(column)[-1])
         tops = [min(top, highest) for top in tops]

@@ -129,13 +129,13 @@ def air_lines(airs: list[dict[str, Any]]) -> list[str]:
 
 def sky_lines(skies: list[dict[str, Any]]) -> list[str]:
     """Returns how the scene's air departs from the sky's profile, and where rays leave it."""
-    found = []
+    alike: dict[str, float] = {}
     for sky in skies:
         air = f"{sky['departure_k']:+.3g} K, vapour times {sky['vapour_ratio']:.3g}"
         text = f"sky: the scene's air is blended into {sky['profile']} over 1 km ({air})"
-        even = f"even up to {sky['even_air_to_m']:g} m, which changes it"
-        found.append(f"{text}; it is {even} by up to {sky['even_air_k']:.2g} K from 3 degrees on")
-    return list(dict.fromkeys(found))
+        text += f"; it is even up to {sky['even_air_to_m']:g} m, which changes it"
+        alike[text] = max(sky["even_air_k"], alike.get(text, 0.0))
+    return [f"{text} by up to {kelvin:.2g} K from 3 degrees on" for text, kelvin in alike.items()]
 
 
 def _refraction(left: dict[str, Any] | None) -> list[str]:

@@ -10,7 +10,7 @@ from thzcl.air.mean import NOWHERE
 from thzcl.air.refraction import Refraction, estimate, structure_constant_n
 from thzcl.graph import LeftOut, Work, everything, peak
 from thzcl.paths.specs import TraceSpec
-from thzcl.plan import sky
+from thzcl.plan import sky, weather
 from thzcl.plan.plan import Plan
 from thzcl.plan.variant import PlannedVariant
 from thzcl.surfaces.geometry import FIRST_TARGET, GROUND, KINDS
@@ -130,6 +130,7 @@ def warnings(plan: Plan, errors: Iterable[float]) -> list[str]:
     found += [note for variant in plan.variants for note in variant.needs.notes]
     found += [*_periods(plan), *_continued(plan), *_idle_wind(plan)]
     found += [note for variant in plan.variants for note in _of_sky(variant)]
+    found += weather.notes([(one.name, *one.falling) for one in plan.variants if one.falling])
     following = iter(errors)
     for variant in plan.variants:
         humidity = variant.scene.atmosphere.air.relative_humidity_percent

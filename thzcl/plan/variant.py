@@ -11,17 +11,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from thzcl import files
-from thzcl.air import weather
+from thzcl.air import weather as air_weather
 from thzcl.air.expansion import ExpansionSpec, TrimmedSpec, possible
 from thzcl.air.mean import NOWHERE, Air, Span
 from thzcl.air.radiometry import LIGHT_SPEED
-from thzcl.air.scattering import mean_transmission
 from thzcl.air.weather import Weather
 from thzcl.error.budget import ErrorSpec, LatticeErrorSpec, SamplingSpec
 from thzcl.error.rays import FineWalkSpec, WalkSpec
 from thzcl.errors import ScenarioError
 from thzcl.graph import Spec, Values
-from thzcl.plan import numerics, sky
+from thzcl.plan import numerics, sky, weather
 from thzcl.plan.air import STILL, AnyAir, Moving, NonIsothermalAir, Setup, TurbulentAir, UniformAir
 from thzcl.plan.compare import Rival, beside, in_planes, rivals
 from thzcl.plan.cube import Source, cube_source
@@ -80,6 +79,7 @@ class PlannedVariant:
     visible_m: float = field(compare=False)
     sample: SampledRays = field(compare=False)
     calm: str = field(compare=False)  # why no weather adds light to rays; empty if it does
+    falling: tuple[Any, ...] = field(compare=False)  # what falls, as plan.weather.notes takes it
 
     def specs(self) -> tuple[Spec | None, ...]:
         """Returns the specs that a run evaluates, in order, with None for those not needed."""
@@ -186,22 +186,31 @@ class _Planner:
         """Returns what falls in some air, if it adds to what is seen of it."""
         if not isinstance(self.sources, radiance.Emission):
             return None
-        if not weather.falls(air, spectrum.nodes_hz.array):
+        if not air_weather.falls(air, spectrum.nodes_hz.array):
             return None
         above = sky.above(self.scenario, self.scene, air)
         return surfaces_sky.weather_of(self.scene, air, above)
 
     def _most_scattered_k(self, air: Air, spectrum: Spectrum, falling: Weather) -> float:
         """Returns about the most that weather adds to any ray, K, in absolute value."""
-        hz, rays = spectrum.nodes_hz.array, self.sample
-        some = np.linspace(0, len(rays.length) - 1, min(len(rays.length), SCATTERED_RAYS))
-        some = np.unique(some.astype(int))
-        sine, length = rays.direction[some, 2], rays.length[some]
-        height = self.shape.frame.array[0, 2] + sine * length / 2
-        depth = air.absorption(hz)[:, None] * length
-        added = falling.source(hz, sine, height) * length * mean_transmission(depth)
+        hz = spectrum.nodes_hz.array
+        added = spectrum.planes(weather.added(falling, air, hz, self._some_rays()))
         unit = spectrum.planes(self.sources.per_unit(hz))
-        return float((np.abs(spectrum.planes(added)).max(axis=1) / unit).max())
+        return float((np.abs(added).max(axis=1) / unit).max())
+
+    def _some_rays(self) -> weather.Rays:
+        """Returns some of the camera's rays."""
+        start_m = float(self.shape.frame.array[0, 2])
+        rays = self.sample
+        return weather.Rays.of(rays.direction, rays.length, start_m, SCATTERED_RAYS)
+
+    def _falling(self, setup: Setup) -> tuple[Any, ...]:
+        """Returns what falls, as plan.weather.notes takes it; nothing if nothing falls."""
+        nodes = self.spectrum.nodes_hz.array
+        if not air_weather.falls(self.air, nodes):
+            return ()
+        followed = setup.weather if setup.scattered else None
+        return followed, self.air, nodes, self._some_rays()
 
     def _asked(self) -> Needs:
         """Returns what the sensor needs."""
@@ -300,7 +309,7 @@ class _Planner:
         """Returns why no weather adds light to rays, or nothing if it does."""
         if setup.scattered:
             return ""
-        if not weather.falls(self.air, self.spectrum.nodes_hz.array):
+        if not air_weather.falls(self.air, self.spectrum.nodes_hz.array):
             return "nothing falls through the air"
         if setup.weather is None:
             return "active sensor: only echoes are seen"
@@ -428,6 +437,7 @@ class _Planner:
             self._visible_m(),
             self.sample,
             self._calm(setup),
+            self._falling(setup),
         )
 
     def _refuse_beyond(self, humidity_span: Span, temperature_span: Span) -> None:
