@@ -22,13 +22,15 @@ if _TYPE_CHECKING:
     from thzcl.pipeline import run
     from thzcl.results.result import Result
     from thzcl.scenario.source import Scene
+    from thzcl.studies.detection.ranges import detection_range
     from thzcl.studies.many.study import study
 
-__all__ = ["Result", "Scene", "open_device", "run", "study"]
+__all__ = ["Result", "Scene", "detection_range", "open_device", "run", "study"]
 
 _HOMES = {
     "Result": "thzcl.results.result",
     "Scene": "thzcl.scenario.source",
+    "detection_range": "thzcl.studies.detection.ranges",
     "open_device": "thzcl.device.choose",
     "run": "thzcl.pipeline",
     "study": "thzcl.studies.many.study",

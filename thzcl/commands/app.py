@@ -22,6 +22,7 @@ COMMANDS = (
     "absorption",
     "fluctuations",
     "study",
+    "range",
     "convergence",
     "stress",
     "bench",

@@ -1,0 +1,1 @@
+"""At what range a target is detected: observers, probabilities and their intervals."""

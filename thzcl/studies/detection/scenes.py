@@ -1,0 +1,272 @@
+"""The scenes of a question about range: a target at each range, there and gone, in many airs."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from thzcl import metrics
+from thzcl.errors import PluginFailure, ScenarioError, UsageError
+from thzcl.graph import Spec, evaluate, rewrite
+from thzcl.plan import checks
+from thzcl.plan.plan import Plan, join, make_plan
+from thzcl.plugins.names import suggest
+from thzcl.scenario import document as documents
+from thzcl.scenario import sensors
+from thzcl.scenario.document import Document
+from thzcl.sensing.image import Compared, ImageSpec, Recorded
+from thzcl.sensor import RESERVED_NAMES, Echoes, Radiances
+from thzcl.studies.many import placing
+from thzcl.studies.many.members import spawned
+from thzcl.turbulence.fields import FieldSpec
+
+if TYPE_CHECKING:
+    from thzcl.device.opencl import Device
+
+Array = NDArray[np.float64]
+Sight = Radiances | Echoes
+
+
+class RangeRefusedError(ValueError):
+    """A range at which the target cannot be asked about; the text says why."""
+
+
+@dataclass(frozen=True)
+class Base:
+    """The scene that is asked about: one variant's data, the target, and the sensor's frequency.
+
+    `key` is the dotted key of the frequency that `--frequency-ghz` sets, or None.
+    """
+
+    document: Document
+    target: str
+    key: str | None
+    allow_outside: bool
+
+    @classmethod
+    def of(cls, document: Document, variants: tuple[str, ...], target: str, outside: bool) -> Base:
+        """Returns the scene of one variant. Raises UsageError or ScenarioError."""
+        scenes = documents.by_variant(document)
+        chosen = variants or tuple(scenes)
+        unknown = next((name for name in chosen if name not in scenes), None)
+        if unknown is not None:
+            raise UsageError(f"--variant {unknown}: no such variant ({suggest(unknown, scenes)})")
+        if len(chosen) > 1:
+            text = f"the scene has several variants; name one with --variant: {', '.join(scenes)}"
+            raise UsageError(text)
+        data = {k: v for k, v in scenes[chosen[0]].items() if k not in ("study", "sequence")}
+        alone = replace(document, data=data)
+        documents.parse(alone, allow_outside=outside)
+        targets = data.get("targets", {})
+        if target not in targets:
+            raise UsageError(f"--target {target}: no such target ({suggest(target, targets)})")
+        if data.get("numerics", {}).get("realizations", 1) > 1:
+            text = "[numerics] realizations is refused here: --air N is that"
+            raise ScenarioError([f"{document.label}: {text}"])
+        return cls(alone, target, _frequency_key(data["sensor"], "sensor"), outside)
+
+    @property
+    def own_range_m(self) -> float:
+        """Returns the range of the target as the scene has it, m."""
+        data = self.document.data
+        away = np.subtract(data["targets"][self.target]["center_m"], data["camera"]["position_m"])
+        return float(np.linalg.norm(away))
+
+    def at(self, range_m: float, settings: Mapping[str, Any]) -> Document:
+        """Returns the scene with the target at a range, and enough rays on it.
+
+        Raises RangeRefusedError where that cannot be, or where the target overfills the picture.
+        """
+        data = self.document.data
+        place = data["camera"], data["targets"][self.target], self.target, range_m, False
+        try:
+            moved = placing.at_range(*place)
+        except ValueError as error:
+            raise RangeRefusedError(str(error)) from None
+        changes = moved | {"numerics.error_budget": False} | dict(settings)
+        document = documents.changed(self.document, changes, {})
+        scene = documents.parse(document, allow_outside=self.allow_outside).variants[0].scene
+        seen = placing.outline(scene.camera, scene.targets[self.target])
+        if not seen.within:
+            text = f"at {range_m:g} m {self.target} overfills the picture; give a longer range"
+            raise RangeRefusedError(text)
+        samples = placing.samples(scene.camera, seen)
+        return documents.changed(document, {"camera.samples_per_pixel": samples}, {})
+
+    def plan(self, document: Document) -> Plan:
+        """Returns the plan of a scene. Raises ScenarioError or PluginFailure."""
+        plan = make_plan(documents.parse(document, allow_outside=self.allow_outside))
+        checks.together(document, plan)
+        return plan
+
+
+def _frequency_key(sensor: Mapping[str, Any], path: str) -> str | None:
+    """Returns the key that is the frequency of a sensor, or else of its detector."""
+    known = sensors.sensor_class(sensor["kind"]).Params.model_fields
+    for name in ("frequency_ghz", "center_ghz"):
+        if name in known:
+            return f"{path}.{name}"
+    inner = sensor.get("detector")
+    return _frequency_key(inner, f"{path}.detector") if isinstance(inner, Mapping) else None
+
+
+@dataclass(frozen=True)
+class Pair:
+    """Plans of a scene with the target and without it, at one range and frequency."""
+
+    range_m: float
+    frequency_ghz: float
+    present: Plan
+    absent: Plan
+
+    @classmethod
+    def of(cls, base: Base, range_m: float, ghz: float | None, more: Mapping[str, Any]) -> Pair:
+        """Returns the plans of a range and a frequency (None: the sensor's own)."""
+        settings = dict(more)
+        if ghz is not None and base.key is not None:
+            settings[base.key] = ghz
+        there = base.at(range_m, settings)
+        gone = documents.changed(there, {f"targets.{base.target}": None}, {})
+        plans = base.plan(there), base.plan(gone)
+        spectrum = plans[0].variants[0].image.spectrum
+        middle = float(np.mean(spectrum.planes(spectrum.nodes_hz.array))) / 1e9
+        return cls(range_m, middle if ghz is None else ghz, *plans)
+
+    @property
+    def random(self) -> bool:
+        """Returns whether the air is another in another realisation."""
+        cube = self.present.variants[0].cube
+        return cube is not None and cube.random is not None
+
+    @property
+    def noisy(self) -> bool:
+        """Returns whether the sensor draws random numbers."""
+        return self.present.variants[0].needs.noise
+
+    @property
+    def active(self) -> bool:
+        """Returns whether the sensor sees echoes."""
+        return self.present.variants[0].needs.reflection
+
+    def specs(self) -> list[Spec]:
+        """Returns the specs of both images, each with what compared models see."""
+        one, other = self.present.variants[0], self.absent.variants[0]
+        return [one.image, *one.compared, other.image, *other.compared]
+
+
+def joined(pairs: list[Pair]) -> list[Pair]:
+    """Returns pairs whose equal paths are one: frequencies share their traces."""
+    plans = iter(join(plan for pair in pairs for plan in (pair.present, pair.absent)))
+    return [replace(pair, present=next(plans), absent=next(plans)) for pair in pairs]
+
+
+@dataclass(frozen=True)
+class Scenes:
+    """What reached the pixels in one air, with and without the target, by one model.
+
+    `whole` is the image's spec, which says by which sensor and from which seed it is made.
+    """
+
+    model: str
+    present: Sight
+    absent: Sight
+    whole: ImageSpec
+
+    def image(self, sight: Sight, draw: int) -> Array:
+        """Returns the linear image (y, x) that the sensor makes in one draw of its noise.
+
+        Draws are numbered; the same one on other radiances has the same random numbers.
+        """
+        sensor = sensors.make(self.whole.sensor.model_dump())
+        rng = replace(self.whole.noise, frame=draw).generator()
+        stored = np.dtype(self.whole.precision)
+        return metrics.linear(sensors.observe(sensor, sight, rng, stored, RESERVED_NAMES))[0]
+
+
+def airs(
+    pairs: list[Pair], numbers: range, seed: int, device: Device
+) -> Iterator[tuple[int, int, list[Scenes]]]:
+    """Yields the number of an air and of a pair, and its scenes by each model, air by air.
+
+    Pairs that stand in one air share its cube, and of those of one range their traces. Air that is
+    not random is computed once.
+    """
+    groups: dict[float, list[int]] = {}
+    for number, pair in enumerate(pairs):
+        groups.setdefault(pair.range_m, []).append(number)
+    for pair in pairs:
+        for plan in (pair.present, pair.absent):
+            checks.memory(plan, device)
+    random = any(pair.random for pair in pairs)
+    some = numbers if random else numbers[:1]
+    batches = [[spec for n in group for spec in pairs[n].specs()] for group in groups.values()]
+    stream = evaluate(
+        (_in_air(batch, spawned(seed, air)) for air in some for batch in batches), device
+    )
+    kept: list[tuple[int, list[Scenes]]] = []
+    for air in some:
+        for group, specs in zip(groups.values(), batches, strict=True):
+            values = iter(zip(specs, next(stream), strict=True))
+            for number in group:
+                its = spawned(seed, air)
+                found = [_with_noise(one, its) for one in _scenes(pairs[number], values)]
+                if random:
+                    yield air, number, found
+                else:
+                    kept.append((number, found))
+    for air in () if random else numbers:
+        for number, found in kept:
+            other = spawned(seed, air)
+            yield air, number, [_with_noise(one, other) for one in found]
+
+
+def _with_noise(one: Scenes, seed: int) -> Scenes:
+    noise = replace(one.whole.noise, seed=seed)
+    return replace(one, whole=replace(one.whole, noise=noise))
+
+
+def _in_air(specs: list[Spec], seed: int) -> tuple[Any, ...]:
+    """Returns specs with another seed of the air and of the noise."""
+
+    def change(spec: Any) -> Any:
+        if isinstance(spec, FieldSpec):
+            return replace(spec, turbulence=replace(spec.turbulence, seed=seed))
+        if isinstance(spec, ImageSpec):
+            return replace(spec, noise=replace(spec.noise, seed=seed))
+        return spec
+
+    return rewrite(specs, change)
+
+
+def _scenes(pair: Pair, values: Iterator[tuple[Any, Any]]) -> list[Scenes]:
+    """Returns the scenes of a pair by each model that is valid at all of its frequencies."""
+    halves = []
+    for plan in (pair.present, pair.absent):
+        variant = plan.variants[0]
+        spec, recorded = next(values)
+        if recorded.image is None:
+            raise PluginFailure(recorded.failure or "no image")
+        others = [next(values)[1] for _ in variant.compared]
+        sights = {variant.scene.atmosphere.model: recorded.sight}
+        sights |= {one.model: _as_seen(one, recorded) for one in others if _whole(one, recorded)}
+        halves.append((spec, sights))
+    (spec, present), (_, absent) = halves
+    return [
+        Scenes(model, sight, absent[model], spec)
+        for model, sight in present.items()
+        if model in absent
+    ]
+
+
+def _whole(one: Compared, recorded: Recorded) -> bool:
+    return len(one.planes) == len(recorded.sight.frequency_hz) and one.failure is None
+
+
+def _as_seen(one: Compared, recorded: Recorded) -> Sight:
+    """Returns what reached the pixels by a compared model, as the sensor takes it."""
+    time_s, passband = recorded.sight.integration_time_s, recorded.sight.passband
+    return replace(one.sight, integration_time_s=time_s, passband=passband)
