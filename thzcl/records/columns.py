@@ -106,6 +106,7 @@ _PRESSES = (
     *("press", "pressure", "airpressure", "atmosphericpressure", "pair", "p", "irgapress", "pa"),
     *("ambpress", "airp", "barometricpressure", "baro", "bp", "patm", "pamb", "surfaceairpressure"),
     *("airpress", "stationpressure", "presskpa", "totalpressure", "ps", "luftdruck"),
+    *("pressli7500", "ambpressli", "pressli", "pressirga", "ambpressirga", "cellpress"),
 )
 
 ROLES = {
@@ -141,14 +142,17 @@ HUMIDITIES = (
 PARTS = {  # of a time that stands in several columns, by the names of each
     "date": ("date", "datum", "day", "yyyymmdd", "dateutc"),
     "clock": ("time", "uhrzeit", "zeit", "timeofday", "clock", "hhmmss", "timeutc", "localtime"),
-    "year": ("year", "yyyy", "yr", "jahr"),
+    "year": ("year", "yyyy", "yr", "jahr", "yearrtm"),
     "month": ("month", "mon", "mo", "monat"),
     "day": ("day", "dayofmonth", "dom", "dd", "tag"),
-    "doy": ("doy", "dayofyear", "julianday", "jday", "jd", "yearday", "yday", "julian", "juldy"),
-    "hhmm": ("hhmm", "hourminute", "hrmin", "hourmin"),
+    "doy": (
+        *("doy", "dayofyear", "julianday", "jday", "jd", "yearday", "yday", "julian", "juldy"),
+        "dayrtm",
+    ),
+    "hhmm": ("hhmm", "hourminute", "hrmin", "hourmin", "hourminutertm"),
     "hour": ("hour", "hr", "hh", "hours", "stunde"),
     "minute": ("minute", "minutes", "min", "minuten"),
-    "second": ("second", "seconds", "sec", "secs", "ss", "sekunde", "sekunden", "s"),
+    "second": ("second", "seconds", "sec", "secs", "ss", "sekunde", "sekunden", "s", "secondsrtm"),
     "millisecond": ("millisecond", "milliseconds", "msec", "ms"),
 }
 SECOND = "h2o_2"
@@ -282,8 +286,18 @@ def _find_humidity(
     found.problems.append(
         f"{place}: expected a column of water vapour (h2o) in g/m3 or mmol/m3, as a mole fraction, "
         f"a mixing ratio or relative humidity; there are {', '.join(filter(None, names))[:300]}; "
-        "name it with --columns h2o=NAME or h2o=NAME:UNIT"
+        f"{perhaps(names, 'h2o')}name it with --columns h2o=NAME or h2o=NAME:UNIT"
     )
+
+
+def perhaps(names: Sequence[str], role: str) -> str:
+    """Returns "perhaps X or Y; " of the columns whose names hold a role's, or no text.
+
+    An instrument's name before or after it, as in LI7500_H2O or UxCSAT, says whose it is, which
+    is the user's choice.
+    """
+    alike = [n for n in names if role.lower() in re.sub(r"[^a-z0-9]", "", n.lower())]
+    return f"perhaps {' or '.join(alike[:4])}; " if alike else ""
 
 
 def _others(

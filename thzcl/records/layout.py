@@ -133,8 +133,9 @@ def _plain(path: Path, lines: Sequence[str]) -> Layout:
         if len(cells) == width and is_data(cells):
             first = number
             break
-        if len(cells) == width or (not head and separator == " " and len(cells) > 1):
-            head.append((number, cells))
+        blank = separator == " " and len(cells) > 1 and not is_data(cells)
+        if len(cells) == width or (not head and blank):
+            head.append((number, [cell.rstrip(",") for cell in cells] if blank else cells))
     else:
         first = (table[-1][0] if table else len(lines)) + 1
         _check_head(path, head, table)
@@ -144,6 +145,8 @@ def _plain(path: Path, lines: Sequence[str]) -> Layout:
             f"{path}:{first}: column 1: expected a header with the names of the columns; "
             "found data; write their names above them, as in time_s,h2o_g_m3,Ux_m_s,Uy_m_s"
         )
+    # A logger's line about itself, with few cells filled, stands above the names (TOACI1).
+    head = head[next((n for n, (_, cells) in enumerate(head) if _is_full(cells)), 0) :]
     line_of, names = head[0]
     rows = [cells for _, cells in head[1:] if sum(map(_unit_like, cells)) > len(cells) / 3]
     units = rows[0] if rows else [""] * len(names)
@@ -152,6 +155,11 @@ def _plain(path: Path, lines: Sequence[str]) -> Layout:
         _decimal([line for number, line in table if number >= first], separator),
         frozenset(lines[number - 1] for number, _ in head),
     )  # fmt: skip
+
+
+def _is_full(cells: Sequence[str]) -> bool:
+    """Returns whether more than half of a row's cells hold text."""
+    return 2 * sum(map(bool, cells)) > len(cells)
 
 
 def _unit_like(cell: str) -> bool:

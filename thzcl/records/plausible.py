@@ -42,6 +42,8 @@ POSSIBLE = {
     "SOS": (270.0, 375.0),
     "pressure": (300.0, 1100.0),
 }
+CSAT3_COUNTER, CSAT3_FLAGS = 64, 4096  # lower six bits; lowest of the four bits that are flags
+COUNTING = 0.8  # of the samples, by which a counter is known
 NOTED_RH, WETTEST_RH, DRIEST_RH = 105.0, 120.0, 1.0  # per cent over water, of a batch's mean
 DRIEST_G_M3, WETTEST_G_M3 = 0.02, 100.0  # of a mean, where no temperature tells more
 ASSUMED_K, ASSUMED_HPA = 288.15, 1013.25  # to guess a unit with, where the record has neither
@@ -52,8 +54,10 @@ def mask_flagged(
 ) -> Iterator[str]:
     """Sets to NaN what diagnostic flags mark, in place, and yields notes.
 
-    A flag counts where it is not 0, or, for LI-COR's, where its upper bits are not set. Raises
-    RecordError if a flag marks more than a fifth of the samples.
+    A flag counts where it is not 0, or, for LI-COR's, where its upper bits are not set, or, for a
+    CSAT3's raw word, where its upper four bits are set (the lower six are a counter; Campbell
+    Scientific, CSAT3 instruction manual, diagnostic word). Raises RecordError if a flag marks more
+    than a fifth of the samples.
     """
     for name, flag in flags.items():
         bad = _flagged(flag)
@@ -83,10 +87,18 @@ def _usual(flag: Array) -> float:
     return float(found[np.argmax(counts)]) if len(found) else 0.0
 
 
+def _is_counting(flag: Array) -> bool:
+    """Returns whether the lower six bits of a flag count from sample to sample, as CSAT3's do."""
+    steps = np.diff(flag % CSAT3_COUNTER) % CSAT3_COUNTER
+    return bool(np.mean(steps == 1) > COUNTING)
+
+
 def _flagged(flag: Array) -> Mask | None:
     """Returns where a flag is raised, or None if its values are not understood."""
     usual = _usual(flag)
     present = np.isfinite(flag)
+    if _is_counting(flag):
+        return np.asarray(present & (flag >= CSAT3_FLAGS))
     if usual == 0:
         return np.asarray(present & (flag != 0))
     if 240 <= usual <= 255:  # LI-7500: the upper four bits are set where all is well

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from thzcl.errors import RecordError
 from thzcl.records import layout as layouts
 from thzcl.records import opening
-from thzcl.records.columns import Column, Columns, find
+from thzcl.records.columns import Column, Columns, find, perhaps
 from thzcl.records.layout import MISSING, Layout
 from thzcl.records.stamps import Clock, StampError
 
@@ -119,7 +119,8 @@ def _complete(
     if not ({"Ux", "Uy"} <= found.keys() or "speed" in found or companion):
         columns.problems.append(
             f"{place}: expected columns of wind, Ux, Uy and Uz, or a wind speed, in m/s; "
-            f"{told} Ux=NAME,Uy=NAME or speed=NAME"
+            f"there are {names}; {perhaps(layout.names, 'ux')}"
+            "name it with --columns Ux=NAME,Uy=NAME or speed=NAME"
         )
     if columns.problems:
         raise RecordError("\n".join(columns.problems))

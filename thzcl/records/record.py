@@ -348,6 +348,12 @@ def _taken(draft: _Draft, pressure: Array | float | None) -> Iterator[str]:
         if column.assumed == BY_SIZE:
             say = f"if it is another, name it with --columns {role}={column.name}:UNIT"
             yield f"column {column.name} names no unit: taken as {column.unit} by its size; {say}"
+        elif column.assumed and role in ("h2o", SECOND):
+            say = f"if it is mmol/m3, mmol/mol or another, name it with --columns {role}="
+            yield (
+                f"column {column.name} names no unit: taken as {column.assumed}; "
+                f"{say}{column.name}:UNIT"
+            )
         elif column.assumed:
             yield f"column {column.name} names no unit: taken as {column.assumed}"
     if "speed" in draft.values:
