@@ -189,3 +189,29 @@ def test_a_humidity_without_a_unit_says_what_else_it_may_be(tmp_path, cells):
     notes = "\n".join(study([tmp_path / "a.dat"])["notes"])
     assert "h2o names no unit: taken as g/m3; if it is mmol/m3, mmol/mol or another" in notes
     is_right(study([tmp_path / "a.dat"], asked=Asked("h2o=h2o:mmol/mol")))
+
+
+def test_a_stuck_instrument_is_a_gap(tmp_path, cells):
+    """Ten seconds of one value are no air; a stair of two samples is."""
+    q = [*cells["q"][:600], *[cells["q"][600]] * 240, *cells["q"][840:]]
+    names = ("micro", "u", "v", "w")
+    rows = zip(*(cells[name] for name in names), q, strict=True)
+    (tmp_path / "a.csv").write_text("time,u,v,w,h2o_g_m3\n" + "\n".join(map(",".join, rows)) + "\n")
+    found = study([tmp_path / "a.csv"])
+    assert found["gaps"] == found["masked_by_column"]["h2o_g_m3"] == 240
+    assert any("a.csv:602: column h2o_g_m3: 240 values" in n for n in found["notes"])
+    rows = zip(
+        *(cells[name] for name in names), [*q[:840], *[q[840]] * 900, *q[1740:]], strict=True
+    )
+    (tmp_path / "a.csv").write_text("time,u,v,w,h2o_g_m3\n" + "\n".join(map(",".join, rows)) + "\n")
+    with pytest.raises(RecordError, match=r"a\.csv:602: .* 1140 values .*a stuck instrument"):
+        study([tmp_path / "a.csv"])
+
+
+def test_a_file_of_windows_letters(tmp_path, cells):
+    """Units with a power of three and degrees in Latin letters, not UTF-8."""
+    names = ("micro", "mmol/m3", "u", "v", "w", "Ts", "p")
+    rows = zip(*(cells[name] for name in names), strict=True)
+    head = "Zeit,h2o (mmol/m\u00b3),Ux (m/s),Uy (m/s),Uz (m/s),Ts (\u00b0C),Luftdruck (kPa)\n"
+    (tmp_path / "a.csv").write_bytes((head + "\n".join(map(",".join, rows))).encode("latin-1"))
+    is_right(study([tmp_path / "a.csv"]))

@@ -66,7 +66,17 @@ _TIMES = (
     *("timestamp", "datetime", "time", "tmstamp", "tstamp", "times", "timestampend", "dateandtime"),
     *("timestampstart", "timestamputc", "timeutc", "utctime", "datetimeutc", "epoch", "epochtime"),
     *("unixtime", "posixtime", "localtime", "datumzeit", "datumuhrzeit", "zeit", "timestampms"),
-    *("date", "elapsedtime", "seconds", "second", "sec", "t"),
+    *(
+        "datenum",
+        "matlabtime",
+        "serialdate",
+        "date",
+        "elapsedtime",
+        "seconds",
+        "second",
+        "sec",
+        "t",
+    ),
 )
 _DENSE = (
     *("h2o", "h2odensity", "h2oconc", "water", "watervapor", "watervapour", "vapor", "vapour"),

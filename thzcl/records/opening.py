@@ -5,6 +5,7 @@ LI-COR's GHG files are zip archives with a .data part.
 
 from __future__ import annotations
 
+import codecs
 import gzip
 import io
 import zipfile
@@ -73,7 +74,17 @@ def _text(path: Path, file: BinaryIO, start: bytes) -> TextIO:
         known = BY_NAME.get(path.suffix.lower())
         told = f"binary, not text: {known}" if known else f"binary, not text; {EXPECTED}"
         raise RecordError(f"{path}:1: {told}, or convert it with its logger's own program")
-    return io.TextIOWrapper(file, encoding="utf-8-sig", errors="replace", newline="")
+    return io.TextIOWrapper(file, encoding=_encoding(start), errors="replace", newline="")
+
+
+def _encoding(start: bytes) -> str:
+    """Returns the encoding of a text by its beginning: UTF-8, or else Windows' western one."""
+    decoder = codecs.getincrementaldecoder("utf-8")()  # the beginning may end within a letter
+    try:
+        decoder.decode(start)
+    except UnicodeDecodeError:
+        return "cp1252"
+    return "utf-8-sig"
 
 
 @contextmanager

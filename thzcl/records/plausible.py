@@ -44,6 +44,7 @@ POSSIBLE = {
 }
 CSAT3_COUNTER, CSAT3_FLAGS = 64, 4096  # lower six bits; lowest of the four bits that are flags
 COUNTING = 0.8  # of the samples, by which a counter is known
+STUCK_S, STUCK = 10.0, 100  # seconds and samples of one value
 NOTED_RH, WETTEST_RH, DRIEST_RH = 105.0, 120.0, 1.0  # per cent over water, of a batch's mean
 DRIEST_G_M3, WETTEST_G_M3 = 0.02, 100.0  # of a mean, where no temperature tells more
 ASSUMED_K, ASSUMED_HPA = 288.15, 1013.25  # to guess a unit with, where the record has neither
@@ -78,6 +79,33 @@ def mask_flagged(
             for role in roles:
                 values[role][bad] = np.nan
             yield f"column {name} is not 0 in {count} samples: they are gaps in {', '.join(roles)}"
+
+
+def mask_stuck(values: Array, rate_hz: float, place: Callable[[int, str], str]) -> tuple[int, str]:
+    """Sets humidity to NaN, in place, where it is the same for ten seconds and a hundred samples.
+
+    Returns how many samples that are, and a note. A column that never changes is left as it is.
+    Raises RecordError if that is more than a fifth of the samples.
+    """
+    present = np.isfinite(values)
+    if not present.any() or np.ptp(values[present]) == 0:
+        return 0, ""
+    begins = np.flatnonzero(np.diff(values, prepend=np.nan) != 0)  # NaN differs from all
+    lengths = np.diff([*begins, len(values)])
+    stuck = (lengths >= max(STUCK_S * rate_hz, STUCK)) & present[begins]
+    for begin, length in zip(begins[stuck].tolist(), lengths[stuck].tolist(), strict=True):
+        values[begin : begin + length] = np.nan
+    count = int(lengths[stuck].sum())
+    if not count:
+        return 0, ""
+    first = int(begins[stuck][0])
+    told = f"{place(first, 'h2o')}: {count} values in runs of up to {lengths[stuck].max()} samples"
+    if count > MOST_MISSING * len(values):
+        raise RecordError(
+            f"{told} that do not change; expected {MOST_MISSING:.0%} at most: a stuck instrument, "
+            "or one of coarse steps?"
+        )
+    return count, f"{told} that do not change are left out as gaps: a stuck instrument?"
 
 
 def _usual(flag: Array) -> float:

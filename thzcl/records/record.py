@@ -176,6 +176,11 @@ def _mask(draft: _Draft) -> None:
         if count:
             draft.masked[column.name] = count
             draft.notes.append(note)
+    stuck, note = plausible.mask_stuck(draft.values["h2o"], draft.joined.rate_hz, draft.place)
+    if stuck:
+        name = draft.columns["h2o"].name
+        draft.masked[name] = draft.masked.get(name, 0) + stuck
+        draft.notes.append(note)
 
 
 def _infer(draft: _Draft, role: str) -> None:
