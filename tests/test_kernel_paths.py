@@ -28,7 +28,7 @@ TO_MARCH = """
             o[lane] = origin[3 * (first + lane) + k];
             d[lane] = direction[3 * (first + lane) + k];
         }
-        axes[k] = axis_start(o, d, 3 * k, 3);
+        axes[k] = axis_start(o, d, o, 3 * k, 3);
     }
     march ray = {axes[0], axes[1], axes[2], 0, LOAD(end + first), 1};
     for (int step = 0; step < shape[0]; ++step) {
@@ -104,7 +104,8 @@ def test_followed_rays_start_where_the_camera_is_at_their_time(device, setting, 
     cell, into, step = (np.zeros((3, count), t) for t in (setting.whole, *[setting.precision] * 2))
     ends, metres = np.zeros((2, count), setting.precision)
     body = """
-    const march ray = march_start(cube, 4, 3, 3, end, end, time, stretch, picked, 6, first);
+    const march ray = march_start(cube, 4, 3, 3, 3, 3, end, end, time, end, end, stretch, picked,
+                                   6, first);
     const axis axes[3] = {ray.x, ray.y, ray.z};
     for (int k = 0; k < 3; ++k) {
         STORE(axes[k].cell >> (whole)(3 * k), cell + 16 * k + first);

@@ -70,7 +70,7 @@ def cubes():
 def walked(*, warm):
     """Rays through the cubes, and for each the oracle's humidity, temperature and metres."""
     (origin, direction, length), (delta, offset) = rays(20), cubes()
-    lengths, voxel = twin.walk(origin, direction, length, VOXEL_M, GRID)
+    lengths, voxel = twin.walk(origin, direction / VOXEL_M, length, (GRID,) * 3)
     kelvin = offset.ravel()[voxel] if warm else None
     path = twin.Path(lengths, delta.ravel()[voxel], kelvin, HUMIDITY)
     met = []
@@ -129,7 +129,7 @@ def test_a_path_is_cut_where_it_is_told():
     before = absorber.depth(path)
     cut = path.cut(half)
     origin, direction, _ = rays(20)
-    lengths, voxel = twin.walk(origin, direction, half, VOXEL_M, GRID)
+    lengths, voxel = twin.walk(origin, direction / VOXEL_M, half, (GRID,) * 3)
     short = twin.Path(lengths, cubes()[0].ravel()[voxel], None, HUMIDITY)
     np.testing.assert_allclose(cut.length.sum(axis=1), half, rtol=1e-14)
     np.testing.assert_allclose(absorber.depth(cut), absorber.depth(short), rtol=1e-12)

@@ -5,9 +5,9 @@
 //
 // Options: FREQUENCIES; HUMIDITY_POWERS, TEMPERATURE_POWERS and PLANCK_POWERS, numbers of
 // coefficients; COUNTS, how many temperature powers matter with each humidity power; THIN where no
-// voxel is deeper than 1/8; CUTOFF as in trace.cl; MOTION and OUTGOING as in camera.cl; BILLBOARDS,
-// COSINES and what goes with it as in source.cl; VEIL where the part `veil` of the absorption, 1/m,
-// takes light without emitting as the air does.
+// voxel is deeper than 1/8; CUTOFF as in trace.cl; MOTION, OUTGOING and CLIPPED as in march.cl;
+// BILLBOARDS, COSINES and what goes with it as in source.cl; VEIL where the part `veil` of the
+// absorption, 1/m, takes light without emitting as the air does.
 
 // The depths of this many voxels are added up plainly, before a compensated sum (Kahan 1965) takes
 // them in: plain float32 alone goes astray by 3e-6 over ten thousand voxels.
@@ -41,9 +41,10 @@ static inline void take_in(reals *depth, reals *rest, reals *latest)
 // FREQUENCIES) and what follows it, as in source.cl, are relative to B(T_mean). Writes optical
 // depth and radiance above the mean air's, both (FREQUENCIES, ray).
 __kernel void emission(__global const real *restrict delta, __global const real *restrict offset,
-                       __constant frame *cube, int width, int height, int log2n,
-                       __global const wide *reach, __global const wide *end,
-                       __global const wide *restrict time, __global const real *restrict stretch,
+                       __constant frame *cube, int width, int height, int log2x, int log2y,
+                       int log2z, __global const wide *reach, __global const wide *end,
+                       __global const wide *restrict time, __global const wide *restrict enter,
+                       __global const wide *restrict leave, __global const real *restrict stretch,
                        __global const int *restrict picked, int count,
                        __global real *restrict path_length, __global int *restrict surface,
                        __constant real *coefficients, __constant real *planck,
@@ -60,8 +61,8 @@ __kernel void emission(__global const real *restrict delta, __global const real 
 {
     const int packet = get_global_id(0), first_ray = packet * LANES,
               padded = get_global_size(0) * LANES;
-    march ray = march_start(cube, width, height, log2n, reach, end, time, stretch, picked, count,
-                            first_ray);
+    march ray = march_start(cube, width, height, log2x, log2y, log2z, reach, end, time, enter,
+                            leave, stretch, picked, count, first_ray);
     const int counts[] = {COUNTS};
     reals depth[FREQUENCIES], rest[FREQUENCIES], latest[FREQUENCIES], contrast[FREQUENCIES],
           transmission[FREQUENCIES];
@@ -70,6 +71,18 @@ __kernel void emission(__global const real *restrict delta, __global const real 
         depth[f] = rest[f] = latest[f] = contrast[f] = 0;
         transmission[f] = 1;
     }
+#ifdef CLIPPED
+    // Before and behind a bounded cube there is mean air, which adds depth and emits nothing more.
+    real last[LANES];
+    for (int lane = 0; lane < LANES; ++lane)
+        last[lane] = (real)end[RAY(SMALLER(first_ray + lane, count - 1))];
+    const reals before = ray.here * ray.metres, behind = (LOAD(last) - ray.end) * ray.metres;
+    UNROLLED
+    for (int f = 0; f < FREQUENCIES; ++f) {
+        depth[f] = before * coefficients[f * HUMIDITY_POWERS * TEMPERATURE_POWERS];
+        transmission[f] = EXP(-depth[f]);
+    }
+#endif
     wholes crossed = 0;
     int steps = 0;
 #ifdef CUTOFF
@@ -120,6 +133,17 @@ __kernel void emission(__global const real *restrict delta, __global const real 
 #endif
         }
     }
+#ifdef CLIPPED
+    UNROLLED
+    for (int f = 0; f < FREQUENCIES; ++f) {
+        const reals more = behind * coefficients[f * HUMIDITY_POWERS * TEMPERATURE_POWERS];
+#ifdef CUTOFF
+        latest[f] += ended ? (reals)0 : more;
+#else
+        latest[f] += more;
+#endif
+    }
+#endif
     take_in(depth, rest, latest);
 #ifdef CUTOFF
     march_record_ends(&ray, ended, picked, count, first_ray, path_length, surface);

@@ -6,7 +6,10 @@
 // times worse after 660 voxels. A ray in a face of a voxel belongs to the voxel above it: voxel i
 // spans [i, i + 1).
 //
-// Options: MOTION and OUTGOING as in camera.cl.
+// Edges of the cube are powers of two, given by their logarithms. A bounded cube is crossed from
+// where a ray enters it to where the ray leaves it; nothing is known of the air around it here.
+//
+// Options: MOTION and OUTGOING as in camera.cl; CLIPPED where the cube is bounded.
 
 typedef struct {
     reals step;        // ray parameter from one crossing of this axis to the next
@@ -19,9 +22,10 @@ typedef struct {
     whole mask;
 } axis;
 
-// One axis of LANES rays that start at `origin` (voxels, in [0, N)) with `direction` (voxels per
-// unit of parameter).
-INLINE axis axis_start(const wide *origin, const wide *direction, int shift, int log2n)
+// One axis of LANES rays that are at `origin` (voxels, in [0, N)) at the parameter `start`, with
+// `direction` (voxels per unit of parameter).
+INLINE axis axis_start(const wide *origin, const wide *direction, const wide *start, int shift,
+                       int log2n)
 {
     real step[LANES], first[LANES];
     whole cell[LANES], stride[LANES];
@@ -31,7 +35,11 @@ INLINE axis axis_start(const wide *origin, const wide *direction, int shift, int
         // A ray that never crosses has a step of 0 from infinity, so that no product of zero and
         // infinity arises.
         step[lane] = d == 0 ? 0 : (real)size;
-        first[lane] = d == 0 ? INFINITY : (real)((d > 0 ? 1 - inside : inside) * size);
+        wide there = (d > 0 ? 1 - inside : inside) * size;
+#ifdef CLIPPED
+        there += start[lane];
+#endif
+        first[lane] = d == 0 ? INFINITY : (real)(there);
         cell[lane] = (whole)below << shift;
         stride[lane] = (whole)(d > 0 ? 1 : -1) << shift;
     }
@@ -65,24 +73,31 @@ typedef struct {
 
 // The rays of a packet at their start: those from number `first` of the `count` that are followed.
 // `reach` is how far the camera's ray goes, `end` how far the ray that is followed goes; the two
-// differ on the outgoing way only. `time` is when each ray is taken, in seconds.
-INLINE march march_start(__constant frame *cube, int width, int height, int log2n,
-                         __global const wide *reach, __global const wide *end,
-                         __global const wide *time, __global const real *stretch,
+// differ on the outgoing way only. `time` is when each ray is taken, in seconds; `enter` and `leave`
+// are where it enters and leaves a bounded cube.
+INLINE march march_start(__constant frame *cube, int width, int height, int log2x, int log2y,
+                         int log2z, __global const wide *reach, __global const wide *end,
+                         __global const wide *time, __global const wide *enter,
+                         __global const wide *leave, __global const real *stretch,
                          __global const int *picked, int count, int first)
 {
-    wide ox[LANES], oy[LANES], oz[LANES], dx[LANES], dy[LANES], dz[LANES];
-    real stop[LANES], metres[LANES];
+    wide ox[LANES], oy[LANES], oz[LANES], dx[LANES], dy[LANES], dz[LANES], begin[LANES];
+    real start[LANES], stop[LANES], metres[LANES];
     for (int lane = 0; lane < LANES; ++lane) {
         const int ray = RAY(SMALLER(first + lane, count - 1));
         const point d = follow_direction(cube, width, height, ray, reach[ray]);
         point o = cube->origin;
 #ifdef MOTION
-        const wide period = 1 << log2n;
         o = along(o, time[ray], cube->drift);
-        o.x -= period * FLOOR(o.x / period);
-        o.y -= period * FLOOR(o.y / period);
-        o.z -= period * FLOOR(o.z / period);
+#endif
+#ifdef CLIPPED
+        o = along(o, enter[ray], d);
+#endif
+#if defined(MOTION) || defined(CLIPPED)
+        const wide nx = 1 << log2x, ny = 1 << log2y, nz = 1 << log2z;
+        o.x -= nx * FLOOR(o.x / nx);
+        o.y -= ny * FLOOR(o.y / ny);
+        o.z -= nz * FLOOR(o.z / nz);
 #endif
         ox[lane] = o.x;
         oy[lane] = o.y;
@@ -90,14 +105,24 @@ INLINE march march_start(__constant frame *cube, int width, int height, int log2
         dx[lane] = d.x;
         dy[lane] = d.y;
         dz[lane] = d.z;
+#ifdef CLIPPED
+        begin[lane] = enter[ray];
+        start[lane] = (real)begin[lane];
+        stop[lane] = (real)leave[ray];
+#else
         stop[lane] = (real)end[ray];
+#endif
         metres[lane] = stretch[ray];
     }
     march m;
-    m.x = axis_start(ox, dx, 0, log2n);
-    m.y = axis_start(oy, dy, log2n, log2n);
-    m.z = axis_start(oz, dz, 2 * log2n, log2n);
+    m.x = axis_start(ox, dx, begin, 0, log2x);
+    m.y = axis_start(oy, dy, begin, log2x, log2y);
+    m.z = axis_start(oz, dz, begin, log2x + log2y, log2z);
+#ifdef CLIPPED
+    m.here = LOAD(start);
+#else
     m.here = 0;
+#endif
     m.end = LOAD(stop);
     m.metres = LOAD(metres);
     return m;

@@ -6,8 +6,10 @@
 // Option: MOMENTS.
 
 __kernel void steps(__global const real *restrict delta, __constant frame *cube, int width,
-                    int height, int log2n, __global const wide *reach, __global const wide *end,
-                    __global const wide *restrict time, __global const real *restrict stretch,
+                    int height, int log2x, int log2y, int log2z,
+                    __global const wide *reach, __global const wide *end,
+                    __global const wide *restrict time, __global const wide *restrict enter,
+                    __global const wide *restrict leave, __global const real *restrict stretch,
                     __global const int *restrict picked, int count, real step,
                     __global real *restrict moments)
 {
@@ -31,15 +33,15 @@ __kernel void steps(__global const real *restrict delta, __constant frame *cube,
     const reals ox = LOAD(x0), oy = LOAD(y0), oz = LOAD(z0), ux = LOAD(dx), uy = LOAD(dy),
                 uz = LOAD(dz), ds = LOAD(size);
     const wholes all = LOAD(number);
-    const whole mask = ((whole)1 << log2n) - 1;
+    const whole nx = (whole)1 << log2x, ny = (whole)1 << log2y, nz = (whole)1 << log2z;
     reals m[MOMENTS];
     for (int k = 0; k < MOMENTS; ++k) m[k] = 0;
     for (wholes i = 0; ANY(i < all); i += (whole)1) {
         const reals s = (TO_REALS(i) + (real)0.5) * ds;
-        const wholes x = TO_WHOLES(floor(ox + s * ux)) & mask,
-                     y = TO_WHOLES(floor(oy + s * uy)) & mask,
-                     z = TO_WHOLES(floor(oz + s * uz)) & mask;
-        const wholes voxel = x + (y << log2n) + (z << (2 * log2n));
+        const wholes x = TO_WHOLES(floor(ox + s * ux)) & (nx - 1),
+                     y = TO_WHOLES(floor(oy + s * uy)) & (ny - 1),
+                     z = TO_WHOLES(floor(oz + s * uz)) & (nz - 1);
+        const wholes voxel = x + (y << log2x) + (z << (log2x + log2y));
         const reals d = GATHER(delta, voxel);
         reals power = i < all ? ds : (reals)0;
         for (int k = 0; k < MOMENTS; ++k) {

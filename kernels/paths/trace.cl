@@ -4,16 +4,19 @@
 //
 // `count` rays are followed; their moments are stored in their order, padded to whole packets.
 //
-// Options: MOMENTS; CUTOFF where a ray can pass the cut-off depth; MOTION and OUTGOING as in
-// camera.cl. After each CUTOFF voxels, a multiple of TOGETHER, the smallest depth over the scene's
-// frequencies is compared with `cutoff`; `guard` holds its coefficients per metre.
+// Options: MOMENTS; CUTOFF where a ray can pass the cut-off depth; MOTION, OUTGOING and CLIPPED as
+// in march.cl. After each CUTOFF voxels, a multiple of TOGETHER, the smallest depth over the scene's
+// frequencies is compared with `cutoff`; `guard` holds its coefficients per metre. Around a bounded
+// cube delta is 0, so that nothing is added there.
 
 // Whether any ray goes on is asked after this many voxels: where none does, voxels have no length.
 #define TOGETHER 4
 
 __kernel void trace(__global const real *restrict delta, __constant frame *cube, int width,
-                    int height, int log2n, __global const wide *reach, __global const wide *end,
-                    __global const wide *restrict time, __global const real *restrict stretch,
+                    int height, int log2x, int log2y, int log2z,
+                    __global const wide *reach, __global const wide *end,
+                    __global const wide *restrict time, __global const wide *restrict enter,
+                    __global const wide *restrict leave, __global const real *restrict stretch,
                     __global const int *restrict picked, int count,
                     __global real *restrict path_length, __global int *restrict surface,
                     __global real *restrict moments, __global int *restrict segments,
@@ -21,8 +24,8 @@ __kernel void trace(__global const real *restrict delta, __constant frame *cube,
 {
     const int packet = get_global_id(0), first = packet * LANES,
               padded = get_global_size(0) * LANES;
-    march ray = march_start(cube, width, height, log2n, reach, end, time, stretch, picked, count,
-                            first);
+    march ray = march_start(cube, width, height, log2x, log2y, log2z, reach, end, time, enter, leave,
+                            stretch, picked, count, first);
     reals m[MOMENTS];
     UNROLLED
     for (int k = 0; k < MOMENTS; ++k) m[k] = 0;

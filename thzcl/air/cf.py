@@ -61,7 +61,7 @@ def dataset(place: str, file: h5py.File, name: str) -> h5py.Dataset | None:
 
 def number(place: str, variable: h5py.Dataset, name: str) -> float | None:
     """Returns the number that an attribute holds, or None if it is absent. Raises FileError."""
-    found = _numbers(place, variable, name)
+    found = numbers(place, variable, name)
     if found is None:
         return None
     if found.size != 1 or not np.isfinite(found).all():
@@ -69,7 +69,7 @@ def number(place: str, variable: h5py.Dataset, name: str) -> float | None:
     return float(found[0])
 
 
-def _numbers(place: str, variable: h5py.Dataset, name: str) -> Array | None:
+def numbers(place: str, variable: h5py.Dataset | h5py.File, name: str) -> Array | None:
     """Returns the numbers of an attribute, (n,), or None if it is absent. Raises FileError."""
     if name not in variable.attrs:
         return None
@@ -92,9 +92,11 @@ def text(holder: h5py.Dataset, name: str) -> str:
 
 
 def values_of(
-    place: str, variable: h5py.Dataset, quantity: Quantity
+    place: str, variable: h5py.Dataset, quantity: Quantity, some: Any = ...
 ) -> tuple[Array, tuple[str, ...]]:
     """Returns unpacked values in the quantity's unit, as they lie in the file, and notes.
+
+    `some` is the index of the part that is read; it is all if left out.
 
     Raises FileError for units that are not known, and for values that are missing or outside of
     the quantity's limits.
@@ -102,7 +104,7 @@ def values_of(
     factor, offset, notes = _unit(place, variable, quantity)
     scale = number(place, variable, "scale_factor")
     shift = number(place, variable, "add_offset")
-    values = np.asarray(variable[...])
+    values = np.asarray(variable[some])
     missing = _missing(place, variable, values)
     if missing.any():
         raise FileError(
@@ -138,15 +140,15 @@ def _missing(place: str, variable: h5py.Dataset, values: Array) -> NDArray[np.bo
     """Returns where values are missing; values and attributes are as packed."""
     with np.errstate(invalid="ignore", over="ignore"):
         missing = np.isnan(values)
-        fills = [_numbers(place, variable, name) for name in ("_FillValue", "missing_value")]
+        fills = [numbers(place, variable, name) for name in ("_FillValue", "missing_value")]
         if fills[0] is None and values.dtype.kind == "f":
             fills[0] = np.array([UNWRITTEN])
         for fill in (fill for given in fills if given is not None for fill in given):
             missing |= values == fill
             if values.dtype.kind == "f":  # as it is in the file, it may have fewer digits
                 missing |= values == fill.astype(values.dtype)
-        valid = _numbers(place, variable, "valid_range")
-        low, high = (_numbers(place, variable, name) for name in ("valid_min", "valid_max"))
+        valid = numbers(place, variable, "valid_range")
+        low, high = (numbers(place, variable, name) for name in ("valid_min", "valid_max"))
     if valid is not None and valid.size == 2:
         low, high = valid[:1], valid[1:]
     if low is not None:

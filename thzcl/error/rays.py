@@ -24,7 +24,6 @@ from thzcl.surfaces.geometry import Geometry
 from thzcl.surfaces.radiance import EndAngles
 from thzcl.turbulence.cube import Field
 from thzcl.turbulence.fields import AnyField
-from thzcl.turbulence.orientation import ROTATIONS
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -128,19 +127,30 @@ class Voxels:
 
     def way(self, lines: Lines) -> Way:
         """Returns the way along some lines, with one segment for each voxel that they cross."""
-        field, turn = self.field, ROTATIONS[self.motion.orientation].T
+        field, lattice, how = self.field, self.field.lattice, self.motion.orientation
         origin = np.broadcast_to(lines.start, lines.direction.shape)
         if self.motion.times_s is not None:
             taken = self.motion.times_s.array[lines.place]
             origin = origin - taken[:, None] * np.array(self.motion.wind_m_s)
-        placed = np.mod(origin @ turn / field.voxel_m, field.grid)
-        direction = lines.direction @ turn
-        lengths, voxel = twin.walk(placed, direction, lines.length, field.voxel_m, field.grid)
+        start = lattice.placed(lattice.turned(origin, how))
+        step = lattice.turned(lines.direction, how)
+        enter, leave = lattice.crossed(start, step, lines.length)
+        entry = start + enter[:, None] * step
+        lengths, voxel = twin.walk(entry, step, leave - enter, lattice.shape)
         delta, offset = (
             None if values is None else values.host().ravel()[voxel].astype(np.float64)
             for values in (field.delta, field.offset)
         )
-        return Way(lengths, np.asarray(delta), offset)
+        way = Way(lengths, np.asarray(delta), offset)
+        return _between(way, enter, lines.length - leave) if lattice.bounded else way
+
+
+def _between(way: Way, before: Array, behind: Array) -> Way:
+    """Returns a way with mean air before and behind it, of lengths (ray,) in m."""
+    length = np.concatenate([before[:, None], way.length, behind[:, None]], axis=1)
+    ends = ((0, 0), (1, 1))
+    offset = None if way.offset is None else np.pad(way.offset, ends)
+    return Way(length, np.pad(way.delta, ends), offset)
 
 
 Air = Even | Voxels

@@ -58,18 +58,18 @@ class Path:
 
 
 def walk(
-    origin: Array, direction: Array, path_m: Array, voxel_m: float, grid: int
+    origin: Array, step: Array, path_m: Array, shape: tuple[int, int, int]
 ) -> tuple[Array, NDArray[np.int64]]:
-    """Returns the segments of straight lines through a periodic cube of `grid` voxels an edge.
+    """Returns the segments of straight lines through a periodic box of voxels.
 
-    `origin` and unit `direction` (ray, 3) are in the cube's axes, the origin in voxels; `path_m`
-    (ray,) is in metres. The segments are lengths in m and voxel numbers in the flattened cube, both
-    (ray, segment); segments of length 0 pad the arrays. A segment lies in the voxel that holds its
-    middle.
+    `origin` is in voxels, and `step` in voxels per metre, both (ray, 3) along the box's axes, which
+    are `shape` (x, y, z) voxels long; `path_m` (ray,) is in metres. The segments are lengths in m
+    and voxel numbers in the flattened box, both (ray, segment); segments of length 0 pad the
+    arrays. A segment lies in the voxel that holds its middle.
     """
-    end = path_m[:, None] / voxel_m
+    end = path_m[:, None]
     crossings = [np.zeros_like(end), end]
-    for o, d in zip(origin.T, direction.T, strict=True):
+    for o, d in zip(origin.T, step.T, strict=True):
         most = int(np.floor(np.max(np.abs(d) * end[:, 0]))) + 1
         first = np.where(d > 0, np.floor(o) + 1, np.ceil(o) - 1)
         planes = first[:, None] + np.sign(d)[:, None] * np.arange(most)
@@ -80,9 +80,9 @@ def walk(
     middle = (s[:, 1:] + s[:, :-1]) / 2
     voxel = np.zeros(middle.shape, dtype=np.int64)
     for axis in (2, 1, 0):
-        place = np.floor(origin[:, axis, None] + middle * direction[:, axis, None]).astype(np.int64)
-        voxel = voxel * grid + place % grid
-    return np.diff(s, axis=1) * voxel_m, voxel
+        place = np.floor(origin[:, axis, None] + middle * step[:, axis, None]).astype(np.int64)
+        voxel = voxel * shape[axis] + place % shape[axis]
+    return np.diff(s, axis=1), voxel
 
 
 @dataclass(frozen=True)

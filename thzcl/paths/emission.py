@@ -5,7 +5,6 @@ The emission of such air varies along the path, so that path moments do not suff
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
@@ -190,7 +189,7 @@ def _kernels(
         planck_powers=tables.planck.shape[1],
         counts=tables.counts,
         veil=bool(tables.veil.any()),
-        thin=tables.densest * medium.field.voxel_m * math.sqrt(3) <= THIN,
+        thin=tables.densest * medium.field.lattice.diagonal_m <= THIN,
         **source.options(ends.facing, tables.sent),
     )
 

@@ -15,9 +15,10 @@ from numpy.typing import NDArray
 from thzcl.device.kernels import Kernels
 from thzcl.device.opencl import Buffer, Device
 from thzcl.graph import Values
-from thzcl.surfaces import geometry
+from thzcl.surfaces import camera, geometry
 from thzcl.surfaces.ends import Facing, Followed, RayEnds, raster_size, ray_list
 from thzcl.turbulence.cube import Field
+from thzcl.turbulence.lattice import Lattice
 
 Array = NDArray[np.float64]
 DEPTH_CHECKED_EVERY = 16  # voxels, where rays can reach the cut-off depth
@@ -35,6 +36,7 @@ class MarchKernels(Kernels):
     cutoff: int | None
     outgoing: bool
     motion: bool
+    clipped: bool
 
 
 @dataclass(frozen=True)
@@ -73,12 +75,14 @@ class Medium:
     """The cube that rays cross, with the frame of the rays in units of its voxels.
 
     `frame` (6, 3) is what geometry.cube_frame returns. `time` (ray,) on the device is when each ray
-    is taken, in s, or None if nothing moves.
+    is taken, in s, or None if nothing moves. `crossed` are the parameters at which each ray enters
+    and leaves a cube that is bounded, both (ray,) on the device, or None if it has no bounds.
     """
 
     field: Field
     frame: Array
     time: Buffer | None
+    crossed: tuple[Buffer, Buffer] | None = None
 
 
 @dataclass(frozen=True)
@@ -114,15 +118,31 @@ class Paths:
 def medium(device: Device, field: Field, ends: RayEnds, motion: Motion) -> Medium:
     """Returns the cube with the frame of the rays that end at `ends`."""
     wind = np.array(motion.wind_m_s)
-    frame = geometry.cube_frame(
-        ends.start_frame(), motion.orientation, field.voxel_m, field.grid, wind
-    )
-    if motion.times_s is None:
-        return Medium(field, frame, None)
+    frame = geometry.cube_frame(ends.start_frame(), motion.orientation, field.lattice, wind)
     times = np.zeros(ends.rays)
-    taken = motion.times_s.array.ravel()
-    times[: taken.size] = taken
-    return Medium(field, frame, device.put(times, device.wide))
+    if motion.times_s is not None:
+        taken = motion.times_s.array.ravel()
+        times[: taken.size] = taken
+    crossed = _crossed(device, field.lattice, ends, frame, times)
+    moves = motion.times_s is not None
+    return Medium(field, frame, device.put(times, device.wide) if moves else None, crossed)
+
+
+def _crossed(
+    device: Device, lattice: Lattice, ends: RayEnds, frame: Array, times: Array
+) -> tuple[Buffer, Buffer] | None:
+    """Returns where rays enter and leave a bounded cube, both (ray,), or None without bounds."""
+    if not lattice.bounded:
+        return None
+    start, forward, right, up, drift, offset = frame
+    numbers = np.minimum(np.arange(ends.rays), ends.geometry.raster.rays - 1)
+    camera_frame = np.array([start, forward, right, up])
+    step = camera.directions(camera_frame, ends.geometry.raster, numbers)
+    if ends.start is not None:
+        step = offset + ends.reach.host().astype(np.float64)[:, None] * step
+    begin = start + times[:, None] * drift
+    enter, leave = lattice.crossed(begin, step, ends.end.host().astype(np.float64))
+    return device.put(enter, device.wide), device.put(leave, device.wide)
 
 
 def trace(
@@ -198,18 +218,23 @@ def march_options(guard: object, ends: RayEnds, medium: Medium) -> dict[str, Any
         "cutoff": DEPTH_CHECKED_EVERY if guard else None,
         "outgoing": ends.start is not None,
         "motion": medium.time is not None,
+        "clipped": medium.crossed is not None,
     }
 
 
 def placed(device: Device, ends: RayEnds, medium: Medium, followed: Followed) -> dict[str, Any]:
     """Returns the kernel arguments that describe rays in the cube, and where they end."""
+    sizes = (n.bit_length() - 1 for n in medium.field.lattice.shape)
+    enter, leave = medium.crossed or (ends.reach, ends.reach)
     return {
         "cube": device.put(medium.frame, device.wide),
         **raster_size(ends.geometry),
-        "log2n": medium.field.grid.bit_length() - 1,
+        **dict(zip(("log2x", "log2y", "log2z"), sizes, strict=True)),
         "reach": ends.reach,
         "end": ends.end,
         "time": ends.reach if medium.time is None else medium.time,
+        "enter": enter,
+        "leave": leave,
         "stretch": ends.stretch,
         **ray_list(followed),
     }

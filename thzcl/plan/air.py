@@ -177,7 +177,7 @@ class Moving:
             direction = away / np.maximum(length, 1e-300)[:, None]
             length = np.where(self.sample.surface > 0, length, 0.0)
         turn = ROTATIONS[self.orientation].T
-        per_metre = np.abs(direction @ turn).sum(axis=1) / self.field.voxel_m
+        per_metre = np.abs(direction @ turn / self.field.lattice.voxel_m).sum(axis=1)
         voxels = length * per_metre + 1
         checks = np.ceil((self.visible_m * per_metre + 1) / DEPTH_CHECKED_EVERY)
         voxels = np.minimum(voxels, checks * DEPTH_CHECKED_EVERY)
@@ -203,7 +203,7 @@ class _CubeAir:
 
     def segments_a_ray(self, longest_m: float) -> float:
         """Returns about the number of segments of a ray of `longest_m`."""
-        return 1.8 * longest_m / self.cube.field.voxel_m + 3
+        return 1.8 * longest_m / self.cube.field.lattice.shortest_m + 3
 
 
 class TurbulentAir(_CubeAir):
@@ -239,7 +239,7 @@ class TurbulentAir(_CubeAir):
 
     def budget_rays(self, mean_m: float) -> int:
         """Returns the number of rays that the twin follows, of a mean length of `mean_m` in all."""
-        return affordable(mean_m, self.cube.field.voxel_m, 1)
+        return affordable(mean_m, self.cube.field.lattice.shortest_m, 1)
 
     def twin(self, spectrum: Spectrum) -> Light:
         """Returns the float64 twin of what reaches the camera at some frequencies."""
@@ -278,7 +278,7 @@ class NonIsothermalAir(_CubeAir):
     def budget_rays(self, mean_m: float) -> int:
         """Returns the number of rays that the twin follows, of a mean length of `mean_m` in all."""
         work = 2 * self.setup.spectrum.nodes_hz.shape[0]
-        return affordable(mean_m, self.cube.field.voxel_m, work)
+        return affordable(mean_m, self.cube.field.lattice.shortest_m, work)
 
     def twin(self, spectrum: Spectrum) -> Light:
         """Returns the float64 twin of what reaches the camera at some frequencies."""

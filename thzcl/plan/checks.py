@@ -92,7 +92,7 @@ def _lie(variant: PlannedVariant) -> tuple[object, ...]:
     cube = variant.cube
     if cube is None:
         return ()
-    return cube.grid, cube.voxel_m, variant.orientation, cube.isothermal
+    return cube.lattice, variant.orientation, cube.isothermal
 
 
 def _of_powers(variant: PlannedVariant) -> list[Trouble]:

@@ -7,7 +7,7 @@ from thzcl.scenario.atmosphere import Atmosphere, Fluctuations
 from thzcl.scenario.document import Scenario
 from thzcl.scenario.scene import Scene
 from thzcl.turbulence import cube_file, spectrum_table
-from thzcl.turbulence.cube_file import CubeFile
+from thzcl.turbulence.cube_file import Asked, CubeFile
 from thzcl.turbulence.spectra import Turbulence, turbulence
 
 Source = CubeFile | Turbulence
@@ -39,7 +39,9 @@ def _source(
 ) -> Source | None:
     """Returns what the cube is made from, or None where nothing fluctuates."""
     if flow.spectrum == "file" and flow.file is not None:
-        cube = cube_file.inspect(scenario.folder / flow.file, flow.voxel_m)
+        periodic, pressure_hpa = flow.periodic, atmosphere.pressure_hpa
+        asked = Asked(flow.voxel_m, periodic, flow.time_index, pressure_hpa)
+        cube = cube_file.inspect(scenario.folder / flow.file, asked)
         cube_file.refuse_zero_mean(cube, air.absolute_humidity_g_m3)
         return cube
     table = None if flow.file is None else spectrum_table.read(scenario.locate(flow.file))

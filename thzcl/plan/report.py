@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 
+import numpy as np
+
 from thzcl.air.expansion import Expansion, ExpansionSpec, TrimmedSpec, possible
 from thzcl.air.mean import NOWHERE
 from thzcl.air.refraction import Refraction, estimate, structure_constant_n
@@ -31,6 +33,7 @@ STAGES = (
     "optics",
     "noise",
 )
+ALL_HELD = 0.999  # of the rays' length: a cube that holds more needs no note
 _FLUCTUATIONS = ("structure_constant_q", "sigma_percent", "outer_scale_m")
 
 
@@ -197,9 +200,10 @@ def _periods(plan: Plan) -> list[str]:
         if isinstance(variant.cube, CubeSpec):
             note = cube_file.mean_note(variant.cube.cube, variant.cube.mean_g_m3)
             notes += [note] if note else []
+            notes += _held(variant, variant.cube)
     found = []
     for cube, length in longest.items():
-        period = cube.grid * cube.voxel_m
+        period = cube.lattice.period_m
         if length > period:
             found.append(
                 f"the longest path is {length / period:.2f} periods of the {period:g} m cube: "
@@ -207,6 +211,21 @@ def _periods(plan: Plan) -> list[str]:
                 "voxel_m mends that"
             )
     return found + notes
+
+
+def _held(variant: PlannedVariant, cube: CubeSpec) -> list[str]:
+    """Returns a note on the part of rays that a bounded cube holds, if it does not hold all."""
+    lattice, rays, how = cube.lattice, variant.sample, variant.orientation
+    if not lattice.bounded:
+        return []
+    start = lattice.placed(lattice.turned(np.array(variant.scene.camera.position_m), how))
+    step = lattice.turned(rays.direction, how)
+    enter, leave = lattice.crossed(np.broadcast_to(start, step.shape), step, rays.length)
+    part = float((leave - enter).sum() / rays.length.sum())
+    if part > ALL_HELD:
+        return []
+    held = f"the cube holds {100 * part:.2g} % of the rays' length"
+    return [f"{cube.cube.path}: {held}; the rest is the scene's mean air"]
 
 
 def _idle_wind(plan: Plan) -> list[str]:

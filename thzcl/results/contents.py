@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from thzcl.sensor import Echoes, Image, Radiances
+from thzcl.turbulence.lattice import Lattice
 
 Array = NDArray[Any]
 
@@ -62,7 +63,12 @@ class Cube:
 
     absolute_humidity_g_m3: Array
     air_temperature_k: Array | None
-    voxel_m: float
+    lattice: Lattice
+
+    @property
+    def voxel_m(self) -> float:
+        """Returns the edge of a voxel of a cube whose edges are alike, m."""
+        return self.lattice.voxel_m[0]
 
 
 @dataclass(frozen=True)

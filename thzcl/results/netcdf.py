@@ -243,18 +243,27 @@ def _difference(result: Contents, found: Mapping[str, Variable]) -> dict[str, Va
 
 
 def _cubes(cubes: tuple[Cube, ...]) -> dict[str, Variable]:
-    """Returns the humidity and, if it fluctuates, the temperature of the saved cubes' voxels."""
+    """Returns the humidity and, if it fluctuates, the temperature of the saved cubes' voxels.
+
+    Coordinates are the middles of voxels along the cube's own axes.
+    """
     if not cubes:
         return {}
-    size = cubes[0].voxel_m
+    lattice = cubes[0].lattice
+    edges = lattice.voxel_m
+    size: dict[str, Any] = {"voxel_m": edges[0] if len({*edges}) == 1 else np.array(edges)}
+    size["periodic"] = np.array([count is None for count in lattice.filled], np.int8)
     humidity = {"units": "g m-3", "long_name": "absolute humidity of the cube's voxels"}
     temperature = {"units": "K", "long_name": "air temperature of the cube's voxels"}
+    grams = [cube.absolute_humidity_g_m3 for cube in cubes]
     found = {
-        "absolute_humidity": _shared(
-            [cube.absolute_humidity_g_m3 for cube in cubes], humidity | {"voxel_m": size}, VOXELS
+        name: _coordinate(name, corner + (np.arange(count) + 0.5) * edge, "m", f"{name[0]} in cube")
+        for name, count, corner, edge in zip(
+            VOXELS, grams[0].shape, lattice.corner_m[::-1], lattice.voxel_m[::-1], strict=True
         )
     }
+    found["absolute_humidity"] = _shared(grams, humidity | size, VOXELS)
     warmth = [cube.air_temperature_k for cube in cubes if cube.air_temperature_k is not None]
     if len(warmth) == len(cubes):
-        found["air_temperature"] = _shared(warmth, temperature | {"voxel_m": size}, VOXELS)
+        found["air_temperature"] = _shared(warmth, temperature | size, VOXELS)
     return found

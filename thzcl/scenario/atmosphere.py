@@ -26,6 +26,8 @@ class Fluctuations(Table):
     used_by: ClassVar = {
         "distribution": User(("spectrum",), ("kolmogorov", "von-karman", "table")),
         "grid": User(("spectrum",), ("kolmogorov", "von-karman", "table")),
+        "periodic": User(("spectrum",), ("file",)),
+        "time_index": User(("spectrum",), ("file",)),
         "correlation_tq": User(("temperature_sigma_k", "structure_constant_t")),
     }
 
@@ -71,6 +73,14 @@ class Fluctuations(Table):
     )
     wind_m_s: Vector = key(
         (0.0, 0.0, 0.0), help="wind that carries the cube along, frozen [x, y, z]", unit="m/s"
+    )
+    periodic: tuple[bool, bool, bool] | None = key(
+        None,
+        help="whether a cube from a file repeats along x, y and z; as the file says, else x and y, "
+        "and z too where it has no coordinates",
+    )
+    time_index: int | None = key(
+        None, ge=0, help="which time of a cube from a file with several is taken, from 0"
     )
     correlation_tq: float = key(0.0, ge=-1, le=1, help="correlation of temperature and humidity")
 

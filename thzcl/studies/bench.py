@@ -165,8 +165,10 @@ def _specs(plan: Plan) -> list[Spec]:
 def _works(specs: Sequence[Spec], segments: int) -> list[Work]:
     """Returns what the stages do whose throughput means something."""
     fields = [spec for spec in specs if isinstance(spec, AnyField)]
-    voxels = [spec.grid**3 for spec in fields]
-    moved = sum(FIELD_BYTES * spec.grid**3 * (1 if spec.isothermal else 2) for spec in fields)
+    voxels = [spec.lattice.voxels for spec in fields]
+    moved = sum(
+        FIELD_BYTES * spec.lattice.voxels * (1 if spec.isothermal else 2) for spec in fields
+    )
     rays = sum(spec.geometry.raster.rays for spec in specs if isinstance(spec, EndsSpec))
     warm = any(isinstance(spec, EmissionSpec) for spec in specs)  # which reads two cubes
     shades = [spec for spec in specs if isinstance(spec, ShadeSpec)]
@@ -237,7 +239,8 @@ def _roofline(device: Device, plan: Plan, repeat: int, tell: Progress) -> dict[s
     rows = [_bandwidth(device, repeat)]
     cube = next((spec for spec in plan.specs() if isinstance(spec, AnyField)), None)
     if cube is not None:
-        diagonal = 1, (cube.grid**2 + cube.grid + 1) << (32 - _log2_voxels(cube))
+        nx, ny, _ = cube.lattice.shape
+        diagonal = 1, (nx * ny + nx + 1) << (32 - _log2_voxels(cube))
         for name, way, abreast in (("coherent", diagonal, ABREAST), ("random", RANDOM, 1)):
             tell(f"{name} gather")
             rows.append(_gather(device, f"gather-{name}", cube, way, abreast, repeat))
@@ -245,7 +248,7 @@ def _roofline(device: Device, plan: Plan, repeat: int, tell: Progress) -> dict[s
 
 
 def _log2_voxels(cube: AnyField) -> int:
-    return 3 * (cube.grid.bit_length() - 1)
+    return cube.lattice.voxels.bit_length() - 1
 
 
 def _bandwidth(device: Device, repeat: int) -> dict[str, Any]:
@@ -266,7 +269,10 @@ def _gather(
     """
     precision = cube.precision
     program = device.build(GatherKernels(), precision)
-    voxels, out = device.put(np.zeros(cube.grid**3), precision), device.empty((RAYS,), precision)
+    voxels, out = (
+        device.put(np.zeros(cube.lattice.voxels), precision),
+        device.empty((RAYS,), precision),
+    )
     factor, step = (number & 0xFFFFFFFF for number in way)
     arguments = {"cube": voxels, "log2_voxels": _log2_voxels(cube), "abreast": abreast}
     arguments |= {"factor": factor, "step": step, "count": VOXELS_A_RAY, "out": out}

@@ -22,7 +22,7 @@ from thzcl.surfaces import texture
 from thzcl.surfaces.camera import Raster, camera_frame
 from thzcl.surfaces.mirrors import Constant, Mirror
 from thzcl.surfaces.texture import Texture
-from thzcl.turbulence.orientation import ROTATIONS
+from thzcl.turbulence.lattice import Lattice
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int32]
@@ -207,14 +207,14 @@ def world_frame(frame: Array, start: Array | None = None) -> Array:
     return np.array([position, *frame[1:], np.zeros(3), frame[0] - position])
 
 
-def cube_frame(frame: Array, orientation: str, voxel_m: float, grid: int, wind_m_s: Array) -> Array:
+def cube_frame(frame: Array, orientation: str, lattice: Lattice, wind_m_s: Array) -> Array:
     """Returns a frame in the world, (6, 3), transformed into the axes and voxels of the cube.
 
-    It drifts against the wind. The start is reduced modulo the period of the cube.
+    It drifts against the wind. The start is reduced modulo the period of the cube, along axes that
+    have one.
     """
     moving = frame.copy()
     moving[4] = -wind_m_s
-    turned = moving @ ROTATIONS[orientation].T / voxel_m
-    turned[0] = np.mod(turned[0], grid)
-    turned[0][turned[0] == grid] = 0.0  # a tiny negative position rounds up to the period itself
-    return np.asarray(turned)
+    turned = lattice.turned(moving, orientation)
+    turned[0] = lattice.placed(turned[0])
+    return turned

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import ClassVar, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from thzcl import files
 from thzcl.device.kernels import Kernels
@@ -14,8 +15,10 @@ from thzcl.device.opencl import Buffer, Device, Program
 from thzcl.errors import FileError
 from thzcl.turbulence import cube_file
 from thzcl.turbulence.cube_file import CubeFile
+from thzcl.turbulence.lattice import Lattice
 from thzcl.turbulence.spectra import Turbulence, spectral_amplitude
 
+Array = NDArray[np.float64]
 Span = tuple[float, float]
 
 
@@ -37,13 +40,22 @@ class Field:
     to be limited.
     """
 
-    grid: int
-    voxel_m: float
+    lattice: Lattice
     delta: Buffer
     offset: Buffer | None
     humidity_span: Span
     temperature_span: Span
     notes: tuple[str, ...]
+
+    @property
+    def grid(self) -> int:
+        """Returns the voxels along an edge of a cube whose edges are alike."""
+        return self.lattice.shape[0]
+
+    @property
+    def voxel_m(self) -> float:
+        """Returns the edge of a voxel of a cube whose edges are alike, m."""
+        return self.lattice.voxel_m[0]
 
 
 class Statistics(NamedTuple):
@@ -83,7 +95,7 @@ def generate(
     span = statistics(device, program, humidity).span
     notes, span = _limit(humidity, span, ceiling)
     delta = _as_precise(device, humidity, precision)
-    return Field(turbulence.grid, turbulence.voxel_m, delta, offset, span, temperature_span, notes)
+    return Field(turbulence.lattice, delta, offset, span, temperature_span, notes)
 
 
 def _warm(
@@ -169,16 +181,44 @@ def load(
     """Returns a user's cube on the device, as departures from the scene's mean air."""
     if files.digest(cube.path, files.CUBE) != cube.digest:
         raise FileError(f"{cube.path}: has changed since the run was planned; run it again")
-    humidity, temperature, _ = cube_file.read(cube.path)
-    relative = humidity.astype(np.float64) / mean_g_m3 - 1
-    notes = list(cube.notes)
+    humidity, temperature = cube_file.read(cube.path, cube.asked)
+    relative, notes = _as_written(humidity.astype(np.float64) / mean_g_m3 - 1, 1.0), []
     if relative.max() > ceiling:
         wet = np.count_nonzero(relative > ceiling)
         notes.append(f"{wet} voxels were limited to vapour at the total pressure")
         np.minimum(relative, ceiling, out=relative)
-    delta = device.put(relative, precision)
-    warmth = None if temperature is None else temperature.astype(np.float64) - mean_k
-    offset = None if warmth is None else device.put(warmth, precision)
-    span = (float(relative.min()), float(relative.max()))
-    temperature_span = (0.0, 0.0) if warmth is None else (float(warmth.min()), float(warmth.max()))
-    return Field(cube.grid, cube.voxel_m, delta, offset, span, temperature_span, tuple(notes))
+    delta, span = _padded(device, relative, cube.lattice, precision)
+    offset, temperature_span = None, (0.0, 0.0)
+    if temperature is not None:
+        warmth = _as_written(temperature.astype(np.float64) - mean_k, mean_k)
+        offset, temperature_span = _padded(device, warmth, cube.lattice, precision)
+    told = (*cube.notes, *notes)
+    return Field(cube.lattice, delta, offset, span, temperature_span, told)
+
+
+def _as_written(departure: Array, mean: float) -> Array:
+    """Returns departures from a mean, those that are float32 but for rounding as that float32.
+
+    A saved cube holds mean * (1 + delta), or mean + t, of float32 numbers in float64, so that these
+    numbers come back to the bit.
+    """
+    single = departure.astype(np.float32).astype(np.float64)
+    rounding = 4 * np.finfo(np.float64).eps * (mean + np.abs(departure))
+    return np.where(np.abs(departure - single) <= rounding, single, departure)
+
+
+def _padded(
+    device: Device, departure: Array, lattice: Lattice, precision: str
+) -> tuple[Buffer, Span]:
+    """Returns departures on the device, padded to the lattice, and their span.
+
+    The span of a bounded lattice includes 0, which is the air around it.
+    """
+    x, y, z = lattice.shape
+    whole = departure
+    if departure.shape != (z, y, x):
+        whole = np.zeros((z, y, x))
+        whole[lattice.held] = departure
+    buffer = device.put(whole, precision)
+    low, high = float(departure.min()), float(departure.max())
+    return buffer, (min(low, 0.0), max(high, 0.0)) if lattice.bounded else (low, high)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +13,7 @@ from thzcl.device.opencl import Device
 from thzcl.graph import LeftOut, Memory, Spec, Work, frozen
 from thzcl.turbulence.cube import Field, Span, generate, load
 from thzcl.turbulence.cube_file import CubeFile
+from thzcl.turbulence.lattice import Lattice
 from thzcl.turbulence.spectra import Turbulence
 
 SEED_STEP = 0x9E3779B97F4A7C15  # 2^64 over the golden ratio: neighbours share no realisation
@@ -39,6 +40,11 @@ class FieldSpec(Spec):
     def voxel_m(self) -> float:
         """Returns the edge of a voxel."""
         return self.turbulence.voxel_m
+
+    @property
+    def lattice(self) -> Lattice:
+        """Returns the voxels of the cube."""
+        return self.turbulence.lattice
 
     @property
     def isothermal(self) -> bool:
@@ -87,14 +93,9 @@ class CubeSpec(Spec):
     stage = "humidity-field"
 
     @property
-    def grid(self) -> int:
-        """Returns the voxels along an edge."""
-        return self.cube.grid
-
-    @property
-    def voxel_m(self) -> float:
-        """Returns the edge of a voxel."""
-        return self.cube.voxel_m
+    def lattice(self) -> Lattice:
+        """Returns the voxels of the cube."""
+        return self.cube.lattice
 
     @property
     def isothermal(self) -> bool:
@@ -110,7 +111,10 @@ class CubeSpec(Spec):
         """Returns ranges of delta and of temperature's departure from the mean, K."""
         low, high = (value / self.mean_g_m3 - 1 for value in self.cube.humidity_span_g_m3)
         coldest, warmest = self.cube.temperature_span_k or (self.mean_k, self.mean_k)
-        return (low, high), (coldest - self.mean_k, warmest - self.mean_k)
+        cold, warm = coldest - self.mean_k, warmest - self.mean_k
+        if not self.lattice.bounded:
+            return (low, high), (cold, warm)
+        return (min(low, 0.0), max(high, 0.0)), (min(cold, 0.0), max(warm, 0.0))
 
     def realization(self, number: int) -> CubeSpec:
         """Returns this cube: there is no other."""
@@ -129,7 +133,7 @@ class CubeSpec(Spec):
 
     def memory(self) -> Memory:
         """Returns the cube's, and that of the file's numbers in float64."""
-        voxels, real = self.grid**3, np.dtype(self.precision).itemsize
+        voxels, real = self.lattice.voxels, np.dtype(self.precision).itemsize
         count = 1 if self.isothermal else 2
         return Memory((real * voxels,) * count, (8 * voxels,) * count)
 
@@ -152,11 +156,14 @@ class NotesSpec(Spec):
 
 
 class SavedCube(NamedTuple):
-    """A cube to be stored, (z, y, x): absolute humidity in g/m3, temperature in K or None."""
+    """A cube to be stored, (z, y, x): absolute humidity in g/m3, temperature in K or None.
 
-    humidity: NDArray[Any]
+    They are in float64, from which the departures on the device come back to the bit.
+    """
+
+    humidity: NDArray[np.float64]
     temperature: NDArray[np.float64] | None
-    voxel_m: float
+    lattice: Lattice
 
 
 @frozen
@@ -171,9 +178,10 @@ class SavedCubeSpec(Spec):
     def run(self, device: Device, field: Field) -> SavedCube:
         """Returns the cube on the host."""
         del device
-        relative = 1 + field.delta.host().astype(np.float64)
-        humidity = (self.air.absolute_humidity_g_m3 * relative).astype(self.field.precision)
+        held = field.lattice.held
+        relative = 1 + field.delta.host()[held].astype(np.float64)
+        humidity = self.air.absolute_humidity_g_m3 * relative
         if field.offset is None:
-            return SavedCube(humidity, None, field.voxel_m)
-        warmth = self.air.temperature_k + field.offset.host().astype(np.float64)
-        return SavedCube(humidity, warmth, field.voxel_m)
+            return SavedCube(humidity, None, field.lattice)
+        warmth = self.air.temperature_k + field.offset.host()[held].astype(np.float64)
+        return SavedCube(humidity, warmth, field.lattice)

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from thzcl.scenario.atmosphere import Atmosphere, Fluctuations
+from thzcl.turbulence.lattice import Lattice
 from thzcl.turbulence.spectrum_table import SpectrumTable
 
 Array = NDArray[np.float64]
@@ -56,6 +57,11 @@ class Turbulence:
     def unit_variance(self) -> float:
         """Returns the expected variance of the cube's field for C^2 = 1."""
         return variance(self.grid, self.voxel_m, self.outer_scale_m, self.table)
+
+    @property
+    def lattice(self) -> Lattice:
+        """Returns the voxels of the periodic cube."""
+        return Lattice.cubic(self.grid, self.voxel_m)
 
     @property
     def period_m(self) -> float:

@@ -242,13 +242,14 @@ def _finer_cubes(subject: Subject, source: Turbulence, grid: int) -> dict[AnyFie
     for own, other in zip(subject.plan.variants, fine.variants, strict=True):
         if isinstance(own.cube, FieldSpec) and isinstance(other.cube, FieldSpec):
             finer[own.cube] = other.cube
-    if any(not _same_period(cube, source) or cube.grid != grid for cube in finer.values()):
+    sizes = {cube.lattice.shape[0] for cube in finer.values()}
+    if sizes - {grid} or not all(_same_period(cube, source) for cube in finer.values()):
         raise MeaninglessError("a variant sets grid or voxel_m itself")
     return finer
 
 
 def _same_period(cube: AnyField, source: Turbulence) -> bool:
-    return math.isclose(cube.grid * cube.voxel_m, source.period_m)
+    return math.isclose(cube.lattice.period_m, source.period_m)
 
 
 def march(subject: Subject) -> Knob:

@@ -26,6 +26,7 @@ from thzcl.surfaces.radiance import Emission, SentSpec
 from thzcl.surfaces.sky import Behind, Sky
 from thzcl.turbulence.cube import Field
 from thzcl.turbulence.fields import AnyField, FieldSpec
+from thzcl.turbulence.lattice import Lattice
 
 Array = NDArray[np.float64]
 Change = Callable[[Any], Any]
@@ -92,9 +93,8 @@ class CoarseSpec(Spec):
 
         voxel_m = field.voxel_m * field.grid / self.grid
         offset = None if field.offset is None else mean(field.offset)
-        return replace(
-            field, grid=self.grid, voxel_m=voxel_m, delta=mean(field.delta), offset=offset
-        )
+        lattice = Lattice.cubic(self.grid, voxel_m)
+        return replace(field, lattice=lattice, delta=mean(field.delta), offset=offset)
 
 
 def in_coarse_air(finer: Mapping[AnyField, AnyField], grid: int) -> Change:

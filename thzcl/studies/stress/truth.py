@@ -162,11 +162,12 @@ def _through(scene: Scene, frequency_hz: Array, cube: Cube, path_m: Array, surfa
     `path_m` (y, x) are the lengths of rays, `surface` (frequency, y, x) the contrast at their ends.
     """
     grid, rays = len(cube.absolute_humidity_g_m3), directions(scene).reshape(-1, 3)
+    voxel_m = cube.lattice.voxel_m[0]
     fluctuations, air_k = scene.atmosphere.fluctuations, scene.atmosphere.temperature_k
     turn = ROTATIONS[fluctuations.orientation if fluctuations else "aligned"]
-    start = np.mod(turn @ np.array(scene.camera.position_m) / cube.voxel_m, grid)
+    start = np.mod(turn @ np.array(scene.camera.position_m) / voxel_m, grid)
     lengths, voxels = walk(
-        np.broadcast_to(start, rays.shape), rays @ turn.T, path_m.ravel(), cube.voxel_m, grid
+        np.broadcast_to(start, rays.shape), rays @ turn.T / voxel_m, path_m.ravel(), (grid,) * 3
     )
     # The gas is asked of each voxel once, however many rays meet it.
     met, where = np.unique(voxels, return_inverse=True)
@@ -186,7 +187,7 @@ def _through(scene: Scene, frequency_hz: Array, cube: Cube, path_m: Array, surfa
         np.maximum(np.where(crossed, emitted, -np.inf).max(axis=2), behind),
     )
     depth, source, contrast, cold, warm = (plane.reshape(surface.shape) for plane in planes)
-    return Truth(depth, source, contrast, cold, warm, float(per_m.min()) * cube.voxel_m)
+    return Truth(depth, source, contrast, cold, warm, float(per_m.min()) * voxel_m)
 
 
 class BandTruth(NamedTuple):
