@@ -178,17 +178,24 @@ class ErrorSpec(Spec):
     def run(
         self, device: Device, rays: Rays, walk: Walked, expansion: Expansion
     ) -> dict[str, Part]:
-        """Returns the errors by part: arithmetic, surrogate, cut-off, band and interpolation."""
+        """Returns the errors by part: arithmetic, surrogate, cut-off, band and so on."""
         del device
         light, span = self.light, expansion.humidity_span
         exact = light.exact(expansion)
         full = light.planes(exact, walk, walk.paths(span))
         cut, ways = _as_cut(rays, walk, walk.paths(span))
         ended = full if cut is walk else light.planes(exact, cut, ways)
-        fitted = light.planes(twin.of_surrogate(expansion), cut, ways)
+        surrogate = twin.of_surrogate(expansion)
+        fitted = light.planes(surrogate, cut, ways)
+        evened, even = walk.evened(), fitted
+        if evened is not None:
+            even_cut, even_ways = _as_cut(rays, evened, evened.paths(span))
+            even = light.planes(surrogate, even_cut, even_ways)
         contrast = self.split.contrast(rays.contrast)
         ran = contrast.reshape(len(contrast), -1)[:, walk.number]
-        errors = {"arithmetic": ran - fitted, "surrogate": fitted - ended, "cut-off": ended - full}
+        errors = {"arithmetic": ran - even, "surrogate": fitted - ended, "cut-off": ended - full}
+        if evened is not None:
+            errors["large-scales"] = even - fitted
         true = full
         if self.resolved != light:
             finer = self.resolved

@@ -14,6 +14,7 @@ from thzcl.device.opencl import Buffer, Device
 from thzcl.error import twin
 from thzcl.error.twin import Path
 from thzcl.graph import Memory, Spec, Values, frozen
+from thzcl.paths.large_scales import DRIEST
 from thzcl.paths.trace import Motion
 from thzcl.sensing.transfer import lambert_gain
 from thzcl.surfaces import camera
@@ -24,6 +25,8 @@ from thzcl.surfaces.geometry import Geometry
 from thzcl.surfaces.radiance import EndAngles
 from thzcl.turbulence.cube import Field
 from thzcl.turbulence.fields import AnyField
+from thzcl.turbulence.large_scales import Waves
+from thzcl.turbulence.orientation import ROTATIONS
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -39,12 +42,14 @@ class Way:
     """Straight lines through the air, in segments: arrays (ray, segment).
 
     `length` is in m, `delta` the humidity over its mean less 1, and `offset` the temperature's
-    departure from the mean in K, or None in isothermal air.
+    departure from the mean in K, or None in isothermal air. `evened` is `delta` with eddies larger
+    than the cube as even along each ray, as a run has them, or None without such eddies.
     """
 
     length: Array
     delta: Array
     offset: Array | None
+    evened: Array | None = None
 
 
 @dataclass(frozen=True)
@@ -80,6 +85,13 @@ class Walked:
                 Path(way.length, way.delta, way.offset, span) for way in self.ways
             )
         return self._paths[span]
+
+    def evened(self) -> Walked | None:
+        """Returns the rays through large eddies that are even along each, or None without any."""
+        if any(way.evened is None for way in self.ways):
+            return None
+        ways = (replace(way, delta=np.asarray(way.evened)) for way in self.ways)
+        return replace(self, ways=tuple(ways))
 
     def ended(self, ended: NDArray[np.bool_]) -> Walked:
         """Returns the rays with the surface 0 for those in `ended` (ray,), which were cut off."""
@@ -142,7 +154,25 @@ class Voxels:
             for values in (field.delta, field.offset)
         )
         way = Way(lengths, np.asarray(delta), offset)
+        if field.waves is not None:
+            start_m = origin @ ROTATIONS[how].T
+            return _in_large_eddies(way, field.waves, start_m, lines.direction @ ROTATIONS[how].T)
         return _between(way, enter, lines.length - leave) if lattice.bounded else way
+
+
+def _in_large_eddies(way: Way, waves: Waves, start: Array, direction: Array) -> Way:
+    """Returns a way with what eddies larger than the cube add; air holds no less than none.
+
+    `start` and unit `direction` (ray, 3) are in m along the cube's axes.
+    """
+    before = np.cumsum(way.length, axis=1) - way.length
+    begin = start[:, None] + before[..., None] * direction[:, None]
+    parts = way.length[..., None] * direction[:, None]
+    each = waves.mean(begin.reshape(-1, 3), parts.reshape(-1, 3)).reshape(way.length.shape)
+    whole = way.length.sum(axis=1, keepdims=True)
+    mean = np.maximum(waves.mean(start, whole * direction), DRIEST)
+    delta = np.maximum(way.delta + each, DRIEST)
+    return replace(way, delta=delta, evened=way.delta + mean[:, None])
 
 
 def _between(way: Way, before: Array, behind: Array) -> Way:

@@ -9,6 +9,7 @@ from functools import reduce
 from typing import Any
 
 import numpy as np
+from numpy.polynomial import Polynomial
 
 from thzcl.air.expansion import Expansion, ExpansionSpec, TrimmedSpec
 from thzcl.air.weather import Weather
@@ -16,6 +17,7 @@ from thzcl.device.opencl import Device
 from thzcl.graph import LeftOut, Memory, Spec, Values, Work, everything, frozen, rewrite
 from thzcl.paths import trace
 from thzcl.paths.emission import Carried, emitting, trace_emission
+from thzcl.paths.large_scales import RayMeans
 from thzcl.paths.thinning import trace_thinned
 from thzcl.paths.trace import Guard, Motion, Paths
 from thzcl.surfaces.ends import EndsSpec, OutgoingSpec, RayEnds
@@ -100,12 +102,16 @@ class TraceSpec(Spec):
         if not moments:  # absorption does not vary, as in even air
             return trace.straight(device, ends, precision)
         varies = any(fit.moments for fit in fits)
-        guard = _guard(fits, moments, ends, self.cutoff) if varies else None
+        large = None if field.waves is None else RayMeans.of(field.waves, ends, self.motion)
+        driest = 0.0 if large is None else large.lowest
+        guard = _guard(fits, moments, ends, self.cutoff, driest) if varies else None
         medium = trace.medium(device, field, ends, self.motion)
         if self.stride == 1:
-            return trace.trace(device, ends, medium, moments, guard, precision)
-        thinned = self.stride, self.targets.array
-        return trace_thinned(device, ends, medium, moments, guard, *thinned)
+            paths = trace.trace(device, ends, medium, moments, guard, precision)
+        else:
+            thinned = self.stride, self.targets.array
+            paths = trace_thinned(device, ends, medium, moments, guard, *thinned)
+        return paths if large is None else large.added(device, paths)
 
     def kin(self) -> TraceSpec:
         """Returns a key, which is equal for paths that one trace can serve."""
@@ -156,15 +162,20 @@ class TraceSpec(Spec):
         return self.planned_segments
 
 
-def _guard(fits: list[Expansion], moments: int, ends: RayEnds, cutoff: float) -> Guard | None:
+def _guard(
+    fits: list[Expansion], moments: int, ends: RayEnds, cutoff: float, driest: float
+) -> Guard | None:
     """Returns the guard that ends rays at the cut-off depth, or None if no ray can reach it.
 
-    It watches the depth at the frequency, and in the expansion, that absorb least.
+    It watches the depth at the frequency, and in the expansion, that absorb least, in air whose
+    delta is `driest` where the cube's is 0.
     """
     rows = [row for fit in fits for row in fit.coefficients[:, :, 0]]
     thinnest = min(rows, key=lambda row: float(row[0]))
     if thinnest[0] * trace.longest_m(ends) < cutoff:
         return None
+    if driest:
+        thinnest = np.array(Polynomial(thinnest)(Polynomial([driest, 1.0])).coef)
     return Guard(tuple(np.pad(thinnest, (0, moments + 1 - len(thinnest)))), cutoff)
 
 

@@ -17,7 +17,7 @@ from thzcl.plan.plan import Plan
 from thzcl.plan.variant import PlannedVariant
 from thzcl.surfaces.geometry import FIRST_TARGET, GROUND, KINDS
 from thzcl.turbulence import cube_file
-from thzcl.turbulence.fields import AnyField, CubeSpec
+from thzcl.turbulence.fields import AnyField, CubeSpec, LargeScalesSpec
 from thzcl.turbulence.spectra import beyond_table
 
 STAGES = (
@@ -38,6 +38,7 @@ _FLUCTUATIONS = ("structure_constant_q", "sigma_percent", "outer_scale_m")
 
 
 BEARABLE_FIT = 1e-4  # error of the absorption polynomial, beyond which there is a warning
+MANY = 10  # realisations from which it counts that each is rescaled
 
 
 @dataclass(frozen=True)
@@ -132,6 +133,7 @@ def warnings(plan: Plan, errors: Iterable[float]) -> list[str]:
     found += [note for variant in plan.variants for note in _left_out(variant)]
     found += [note for variant in plan.variants for note in variant.needs.notes]
     found += [*_periods(plan), *_continued(plan), *_idle_wind(plan)]
+    found += [*_rescaled(plan), *_saved_without(plan)]
     found += [note for variant in plan.variants for note in _of_sky(variant)]
     found += weather.notes([(one.name, *one.falling) for one in plan.variants if one.falling])
     following = iter(errors)
@@ -226,6 +228,24 @@ def _held(variant: PlannedVariant, cube: CubeSpec) -> list[str]:
         return []
     held = f"the cube holds {100 * part:.2g} % of the rays' length"
     return [f"{cube.cube.path}: {held}; the rest is the scene's mean air"]
+
+
+def _rescaled(plan: Plan) -> list[str]:
+    """Returns a note where each of many realisations is rescaled to one standard deviation."""
+    random = [variant.cube.random for variant in plan.variants if variant.cube is not None]
+    exact = any(one is not None and (one.exact or one.temperature_exact) for one in random)
+    if plan.realizations < MANY or not exact:
+        return []
+    text = f"each of the {plan.realizations} realisations is rescaled to the standard deviation"
+    return [f'{text} given, and lacks the scatter of open air; sigma_of = "ensemble" keeps it']
+
+
+def _saved_without(plan: Plan) -> list[str]:
+    """Returns a note where a cube is saved without the eddies larger than it."""
+    cubes = [variant.cube for variant in plan.variants if variant.saved is not None]
+    if not any(isinstance(cube, LargeScalesSpec) for cube in cubes):
+        return []
+    return ["the saved cube is without large_scales, which have no voxels"]
 
 
 def _idle_wind(plan: Plan) -> list[str]:

@@ -28,6 +28,7 @@ from thzcl.plan.numerics import Accuracy, Foreseen
 from thzcl.plan.refused import air_refused, files_refused
 from thzcl.plan.sampling import Sampling
 from thzcl.scenario import sensors
+from thzcl.scenario.atmosphere import NO_LOGNORMAL
 from thzcl.scenario.document import Scenario, Variant, noise_seed
 from thzcl.scenario.scene import Scene
 from thzcl.sensing import bands, optics
@@ -42,7 +43,14 @@ from thzcl.surfaces.camera import Raster
 from thzcl.surfaces.estimate import SampledRays, sampled_rays
 from thzcl.surfaces.geometry import Geometry
 from thzcl.turbulence.cube_file import CubeFile
-from thzcl.turbulence.fields import AnyField, CubeSpec, FieldSpec, NotesSpec, SavedCubeSpec
+from thzcl.turbulence.fields import (
+    AnyField,
+    CubeSpec,
+    FieldSpec,
+    LargeScalesSpec,
+    NotesSpec,
+    SavedCubeSpec,
+)
 from thzcl.turbulence.orientation import ROTATIONS
 
 Array = NDArray[np.float64]
@@ -287,7 +295,24 @@ class _Planner:
             return CubeSpec(source, *mean, most, precision)
         # A ceiling out of reach is left out, so that the cubes of two climates can be equal.
         reached = source.humidity_span()[1] > most
-        return FieldSpec(source, most if reached else math.inf, precision)
+        cube = FieldSpec(source, most if reached else math.inf, precision)
+        return self._with_large_scales(cube) if source.large_scales else cube
+
+    def _with_large_scales(self, cube: FieldSpec) -> LargeScalesSpec:
+        """Returns a cube with the eddies larger than it. Raises ScenarioError if lognormal."""
+        if cube.turbulence.lognormal:
+            text = f"[atmosphere.fluctuations] large_scales: {NO_LOGNORMAL}"
+            raise ScenarioError([f"{self.scenario.name}: {text}"])
+        place = ROTATIONS[self._orientation()] @ np.array(self.scene.camera.position_m)
+        reach, flow = float(self.sample.length.max()), self.scene.atmosphere.fluctuations
+        if self.needs.transmitter_m is not None:
+            apart = np.array(self.needs.transmitter_m) - np.array(self.scene.camera.position_m)
+            reach = max(reach, float(np.linalg.norm(apart)))
+        if flow is not None and self.needs.times_s is not None:
+            wind = float(np.linalg.norm(flow.wind_m_s))
+            reach += wind * float(np.max(self.needs.times_s))
+        x, y, z = place.tolist()
+        return LargeScalesSpec(cube, (x, y, z), reach)
 
     def _setup(self) -> Setup:
         """Returns what all rays of the variant have in common."""

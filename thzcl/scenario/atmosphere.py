@@ -13,6 +13,9 @@ from thzcl.scenario.constituents import parts
 from thzcl.scenario.problems import Trouble
 from thzcl.scenario.table import Table, User, Vector, key
 
+NO_LOGNORMAL = (
+    'is for Gaussian humidity; remove it, or set distribution = "gaussian" or a sigma below 30 %'
+)
 AirKelvin = Annotated[float, Field(ge=100, le=400)]
 
 
@@ -24,6 +27,8 @@ class Fluctuations(Table):
         ("temperature_sigma_k", "structure_constant_t"),
     )
     used_by: ClassVar = {
+        "large_scales": User(("spectrum",), ("kolmogorov", "von-karman")),
+        "sigma_of": User(("sigma_percent", "temperature_sigma_k")),
         "distribution": User(("spectrum",), ("kolmogorov", "von-karman", "table")),
         "grid": User(("spectrum",), ("kolmogorov", "von-karman", "table")),
         "periodic": User(("spectrum",), ("file",)),
@@ -53,6 +58,16 @@ class Fluctuations(Table):
     )
     distribution: Literal["auto", "gaussian", "lognormal"] = key(
         "auto", help="gaussian (clipped at dry air) below a sigma of 30 %, lognormal from there on"
+    )
+    sigma_of: Literal["cube", "ensemble"] = key(
+        "cube",
+        help="whose standard deviations are given: cube rescales each cube to them exactly; with "
+        "ensemble they are expectations, as structure constants are, and single cubes scatter",
+    )
+    large_scales: bool = key(
+        False,
+        help="eddies larger than the cube too, as plane waves in closed form; sigma and C^2 are "
+        "those of the cube",
     )
     voxel_m: float | None = key(None, ge=1e-4, le=1e5, unit="m", help="edge of a voxel")
     grid: int = key(
@@ -112,6 +127,11 @@ class Fluctuations(Table):
             found.append(self.trouble("spectrum", text))
         if self.spectrum != "file" and self.voxel_m is None:
             found.append(Trouble((), "needs voxel_m, the edge of a voxel in m"))
+        if self.large_scales and (self.temperature_sigma_k or self.structure_constant_t):
+            text = "is for air of one temperature; remove it, or let temperature not fluctuate"
+            found.append(self.trouble("large_scales", text))
+        if self.large_scales and self.distribution == "lognormal":
+            found.append(self.trouble("large_scales", NO_LOGNORMAL))
         for name, least in (("temperature_sigma_k", 1e-9), ("structure_constant_t", 1e-18)):
             size = getattr(self, name)
             if size and size < least:  # the fit in temperature would lose all its digits

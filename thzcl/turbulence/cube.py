@@ -15,6 +15,7 @@ from thzcl.device.opencl import Buffer, Device, Program
 from thzcl.errors import FileError
 from thzcl.turbulence import cube_file
 from thzcl.turbulence.cube_file import CubeFile
+from thzcl.turbulence.large_scales import Waves
 from thzcl.turbulence.lattice import Lattice
 from thzcl.turbulence.spectra import Turbulence, spectral_amplitude
 
@@ -46,6 +47,8 @@ class Field:
     humidity_span: Span
     temperature_span: Span
     notes: tuple[str, ...]
+    strength: float = 0.0  # what multiplied a Gaussian of C^2 = 1 to make the humidity
+    waves: Waves | None = None  # eddies larger than the cube, which add to delta
 
     @property
     def grid(self) -> int:
@@ -95,7 +98,8 @@ def generate(
     span = statistics(device, program, humidity).span
     notes, span = _limit(humidity, span, ceiling)
     delta = _as_precise(device, humidity, precision)
-    return Field(turbulence.lattice, delta, offset, span, temperature_span, notes)
+    spans = span, temperature_span
+    return Field(turbulence.lattice, delta, offset, *spans, notes, strength=s / own)
 
 
 def _warm(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -11,10 +12,11 @@ from numpy.typing import NDArray
 from thzcl.air.mean import Air
 from thzcl.device.opencl import Device
 from thzcl.graph import LeftOut, Memory, Spec, Work, frozen
+from thzcl.turbulence import large_scales
 from thzcl.turbulence.cube import Field, Span, generate, load
 from thzcl.turbulence.cube_file import CubeFile
 from thzcl.turbulence.lattice import Lattice
-from thzcl.turbulence.spectra import Turbulence
+from thzcl.turbulence.spectra import KOLMOGOROV, Turbulence
 
 SEED_STEP = 0x9E3779B97F4A7C15  # 2^64 over the golden ratio: neighbours share no realisation
 ONE_TEMPERATURE = LeftOut("air temperature does not fluctuate")
@@ -71,7 +73,11 @@ class FieldSpec(Spec):
 
     def describe(self) -> dict[str, Work | LeftOut]:
         """Returns that there is a cube, and whether it has a temperature of its own."""
-        cube = Work("cube"), ONE_TEMPERATURE if self.isothermal else WARM
+        larger = ", with eddies larger than the cube in closed form"
+        cube = (
+            Work("cube", larger if self.turbulence.large_scales else ""),
+            ONE_TEMPERATURE if self.isothermal else WARM,
+        )
         return dict(zip(("humidity-field", "temperature-field"), cube, strict=True))
 
     def memory(self) -> Memory:
@@ -138,7 +144,69 @@ class CubeSpec(Spec):
         return Memory((real * voxels,) * count, (8 * voxels,) * count)
 
 
-AnyField = FieldSpec | CubeSpec
+@frozen
+class LargeScalesSpec(Spec):
+    """A random cube with the eddies that are larger than it, as rays near a place see them.
+
+    `place_m` is along the cube's axes. In air without an outer scale, where only differences are
+    defined, the eddies are 0 there. Rays go no farther from it than `reach_m`.
+    """
+
+    cube: FieldSpec
+    place_m: tuple[float, float, float]
+    reach_m: float
+    reads = ("cube",)
+    stage = "humidity-field"
+
+    @property
+    def precision(self) -> str:
+        """Returns the arithmetic of the cube."""
+        return self.cube.precision
+
+    @property
+    def lattice(self) -> Lattice:
+        """Returns the voxels of the cube."""
+        return self.cube.lattice
+
+    @property
+    def isothermal(self) -> bool:
+        """Returns true: large eddies have no temperature."""
+        return True
+
+    @property
+    def random(self) -> Turbulence | None:
+        """Returns the statistics of the air."""
+        return self.cube.random
+
+    def spans(self) -> tuple[Span, Span]:
+        """Returns ranges of delta and of temperature's departure left with probability 1e-6."""
+        air = self.cube.turbulence
+        reach = None if air.outer_scale_m is not None else self.reach_m
+        large = air.sigma * math.sqrt(air.large_variance(reach) / air.unit_variance)
+        return air.humidity_span(large), air.temperature_span()
+
+    def run(self, device: Device, cube: Field) -> Field:
+        """Returns the cube with its waves, its span widened by theirs."""
+        del device
+        air, place = self.cube.turbulence, np.array(self.place_m)
+        strength = KOLMOGOROV * cube.strength**2
+        waves = large_scales.drawn(air.period_m, air.outer_scale_m, strength, air.seed)
+        if air.outer_scale_m is None:
+            waves = waves.less(place)
+        low, high = waves.span(place, self.reach_m)
+        span = cube.humidity_span[0] + low, cube.humidity_span[1] + high
+        notes = cube.notes
+        if span[0] < -1:
+            dry = float(np.mean(cube.delta.host() < -1 - low))
+            notes = (
+                *notes,
+                f"with large_scales up to {100 * dry:.2g} % of the voxels would hold less than no "
+                "vapour where the air is driest; lower sigma_percent or structure_constant_q",
+            )
+        return replace(cube, waves=waves, humidity_span=span, notes=notes)
+
+
+AnyField = FieldSpec | CubeSpec | LargeScalesSpec
 
 
 @frozen

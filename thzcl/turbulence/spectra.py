@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from thzcl.scenario.atmosphere import Atmosphere, Fluctuations
+from thzcl.turbulence import large_scales
 from thzcl.turbulence.lattice import Lattice
 from thzcl.turbulence.spectrum_table import SpectrumTable
 
@@ -36,7 +37,8 @@ class Turbulence:
     """Random fluctuations of humidity, relative to its mean, and of temperature, in kelvin.
 
     `sigma` is the standard deviation of humidity over the cube, before clipping or exponentiation.
-    If `exact`, every realisation is rescaled to it; otherwise it is the expected value.
+    If `exact`, every realisation is rescaled to it; otherwise it is the expected value. Eddies
+    larger than the cube add to it.
     `temperature_sigma_k` and `temperature_exact` say the same of temperature, and `correlation` is
     that of humidity with temperature. `outer_scale_m` is None for no outer scale.
     """
@@ -52,6 +54,7 @@ class Turbulence:
     temperature_exact: bool
     correlation: float
     table: SpectrumTable | None = None  # a measured spectrum in place of Kolmogorov's
+    large_scales: bool = False  # whether there are eddies larger than the cube too
 
     @property
     def unit_variance(self) -> float:
@@ -78,12 +81,25 @@ class Turbulence:
         if self.table is not None or self.outer_scale_m is not None:
             return self.outer_scale_m
         shape = math.sqrt(math.pi) / 4 * math.gamma(1 / 3) / math.gamma(11 / 6)
-        return float((self.unit_variance / (KOLMOGOROV * 4 * math.pi * shape)) ** 1.5)
+        variance = self.unit_variance + (self.large_variance() if self.large_scales else 0.0)
+        return float((variance / (KOLMOGOROV * 4 * math.pi * shape)) ** 1.5)
 
     @property
     def temperature_fluctuates(self) -> bool:
         """Returns whether temperature fluctuates, so that a second field is needed."""
         return self.temperature_sigma_k > 0
+
+    def large_variance(self, reach_m: float | None = None) -> float:
+        """Returns the expected variance of the eddies larger than the cube, for C^2 = 1.
+
+        Within `reach_m` of a place at which they are 0 it is a bound, of the largest there.
+        """
+        waves = large_scales.spread(self.period_m, self.outer_scale_m)
+        part = np.ones(len(waves.variance))
+        if reach_m is not None:
+            turns = 2 * math.pi * np.linalg.norm(waves.vector, axis=1) * reach_m
+            part = np.minimum(turns**2, 4.0)
+        return float(KOLMOGOROV * waves.variance @ part)
 
     def structure_constants(self, mean_g_m3: float) -> tuple[float, float]:
         """Returns C_q^2 in g^2 m^-6 m^(-2/3) and C_T^2 in K^2 m^(-2/3)."""
@@ -100,9 +116,15 @@ class Turbulence:
             2 * self.sigma**2,
         )
 
-    def humidity_span(self) -> tuple[float, float]:
-        """Returns the range of delta that a cube exceeds with probability 1e-6."""
+    def humidity_span(self, large_sigma: float = 0.0) -> tuple[float, float]:
+        """Returns the range of delta that a cube exceeds with probability 1e-6.
+
+        `large_sigma` is the expected standard deviation of what larger eddies add to it.
+        """
         z = self._rarest() * (1 if self.exact else 1.5)  # the sigma of one realisation scatters
+        if large_sigma:
+            reach = math.hypot(self.sigma * z, large_sigma * 1.5 * self._rarest())
+            return max(-1.0, -reach), reach
         if self.lognormal:
             s = math.sqrt(math.log1p(self.sigma**2))
             return math.expm1(-s * z - s * s / 2), math.expm1(s * z - s * s / 2)
@@ -148,14 +170,15 @@ def turbulence(atmosphere: Atmosphere, table: SpectrumTable | None = None) -> Tu
         seed=f.seed,
         outer_scale_m=f.outer_scale_m,
         sigma=sigma,
-        exact=f.sigma_percent is not None,
+        exact=f.sigma_percent is not None and f.sigma_of == "cube",
         lognormal=_lognormal(f, sigma),
         temperature_sigma_k=math.sqrt((f.structure_constant_t or 0.0) * unit)
         if temperature is None
         else temperature,
-        temperature_exact=temperature is not None,
+        temperature_exact=temperature is not None and f.sigma_of == "cube",
         correlation=f.correlation_tq,
         table=table,
+        large_scales=f.large_scales,
     )
 
 

@@ -17,6 +17,7 @@ from thzcl.clock import Clock
 from thzcl.graph import everything, peak
 from thzcl.paths.specs import EmissionSpec, TraceSpec
 from thzcl.plan import numerics
+from thzcl.plan.plan import Plan
 from thzcl.plan.variant import PlannedVariant
 from thzcl.studies.convergence.specs import (
     Change,
@@ -30,7 +31,7 @@ from thzcl.studies.convergence.specs import (
 from thzcl.studies.convergence.subject import EXACT, Contrasts, Subject, pixels
 from thzcl.surfaces.geometry import KINDS
 from thzcl.surfaces.mirrors import TOLERANCE
-from thzcl.turbulence.fields import AnyField, FieldSpec
+from thzcl.turbulence.fields import AnyField, FieldSpec, LargeScalesSpec
 from thzcl.turbulence.spectra import Turbulence
 
 TRACED = ("trace", "path-emission", "outgoing-path", "shading")
@@ -114,6 +115,8 @@ def table(subject: Subject) -> Knob:
     """
     _fluctuating(subject)
     _plain_air(subject)
+    if _fluctuating(subject).large_scales:
+        raise MeaninglessError("a table serves voxels, and large_scales has none")
     if any(v.image.spectrum.nodes_hz.shape[0] > 1 for v in subject.plan.variants):
         raise MeaninglessError(
             "the scene has many frequencies: each would need a table and a cube of its own"
@@ -239,13 +242,19 @@ def _finer_cubes(subject: Subject, source: Turbulence, grid: int) -> dict[AnyFie
     """Returns for each random cube of the scene the same with `grid` voxels an edge."""
     fine = subject.plan_with(_cut_into(source, grid))
     finer: dict[AnyField, AnyField] = {}
-    for own, other in zip(subject.plan.variants, fine.variants, strict=True):
-        if isinstance(own.cube, FieldSpec) and isinstance(other.cube, FieldSpec):
-            finer[own.cube] = other.cube
+    pairs = zip(*map(_random_cubes, (subject.plan, fine)), strict=True)
+    finer |= {own: other for own, other in pairs if own is not None and other is not None}
     sizes = {cube.lattice.shape[0] for cube in finer.values()}
     if sizes - {grid} or not all(_same_period(cube, source) for cube in finer.values()):
         raise MeaninglessError("a variant sets grid or voxel_m itself")
     return finer
+
+
+def _random_cubes(plan: Plan) -> list[FieldSpec | None]:
+    """Returns each variant's random cube, without the eddies larger than it, or None."""
+    cubes = [variant.cube for variant in plan.variants]
+    cubes = [cube.cube if isinstance(cube, LargeScalesSpec) else cube for cube in cubes]
+    return [cube if isinstance(cube, FieldSpec) else None for cube in cubes]
 
 
 def _same_period(cube: AnyField, source: Turbulence) -> bool:

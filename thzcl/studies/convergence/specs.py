@@ -18,6 +18,7 @@ from thzcl.air.mean import NOWHERE, Air
 from thzcl.device.opencl import Buffer, Device
 from thzcl.graph import Spec, Values, frozen
 from thzcl.paths import trace
+from thzcl.paths.large_scales import RayMeans
 from thzcl.paths.specs import AnyEnds, TraceSpec
 from thzcl.paths.trace import Motion, Paths
 from thzcl.sensing.transfer import ShadeSpec
@@ -137,7 +138,10 @@ class StepsSpec(Spec):
         if not moments:
             return trace.straight(device, ends, precision)
         medium = trace.medium(device, field, ends, self.motion)
-        return trace.trace_steps(device, ends, medium, moments, self.step_m, precision)
+        paths = trace.trace_steps(device, ends, medium, moments, self.step_m, precision)
+        if field.waves is None:
+            return paths
+        return RayMeans.of(field.waves, ends, self.motion).added(device, paths)
 
 
 def by_steps(step_m: float) -> Change:
