@@ -51,7 +51,7 @@ def asked(tmp_path, data, device, **options):
 
 
 def closed_form(tmp_path, data, device, range_m):
-    """d' of a plate behind even air in white noise: its contrast, NEDT and pixels, and no more."""
+    """D' of a plate behind even air in white noise: its contrast, NEDT and pixels, and no more."""
     moved = {
         "targets.plate.center_m": [range_m, 0.0, 1.2], "camera.look_at_m": [range_m, 0.0, 1.2],
     }  # fmt: skip

@@ -45,7 +45,9 @@ __kernel void emission(__global const real *restrict delta, __global const real 
                        int log2z, __global const wide *reach, __global const wide *end,
                        __global const wide *restrict time, __global const wide *restrict enter,
                        __global const wide *restrict leave, __global const real *restrict stretch,
-                       __global const int *restrict picked, int count,
+                       __global const real *restrict layers, int rows, real level,
+                       __global const wide *restrict rise, __global const int *restrict picked,
+                       int count,
                        __global real *restrict path_length, __global int *restrict surface,
                        __constant real *coefficients, __constant real *planck,
                        __constant real *veil,
@@ -83,6 +85,12 @@ __kernel void emission(__global const real *restrict delta, __global const real 
         transmission[f] = EXP(-depth[f]);
     }
 #endif
+#ifdef LAYERS
+    real climbs[LANES];
+    for (int lane = 0; lane < LANES; ++lane)
+        climbs[lane] = (real)rise[RAY(SMALLER(first_ray + lane, count - 1))];
+    const reals climb = LOAD(climbs);
+#endif
     wholes crossed = 0;
     int steps = 0;
 #ifdef CUTOFF
@@ -91,7 +99,18 @@ __kernel void emission(__global const real *restrict delta, __global const real 
     while (ANY(ray.here < ray.end)) {
         const reals there = march_exit(&ray), length = (there - ray.here) * ray.metres;
         const wholes voxel = march_voxel(&ray);
-        const reals d = GATHER(delta, voxel), t = GATHER(offset, voxel);
+#ifdef ONE_TEMPERATURE
+        reals d = GATHER(delta, voxel), t = 0;
+#else
+        reals d = GATHER(delta, voxel), t = GATHER(offset, voxel);
+#endif
+#ifdef LAYERS
+        reals moister, warmer;
+        const reals middle = level + climb * ((ray.here + there) * (real)0.5);
+        layer_at(middle, layers, rows, &moister, &warmer);
+        d += moister + d * moister;
+        t += warmer;
+#endif
         UNROLLED
         for (int f = 0; f < FREQUENCIES; ++f) {
             __constant const real *c = coefficients + f * HUMIDITY_POWERS * TEMPERATURE_POWERS;

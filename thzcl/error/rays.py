@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from thzcl.air.layers import Departures
 from thzcl.air.mean import Span
 from thzcl.device.opencl import Buffer, Device
 from thzcl.error import twin
@@ -154,10 +155,21 @@ class Voxels:
             for values in (field.delta, field.offset)
         )
         way = Way(lengths, np.asarray(delta), offset)
+        if field.layers is not None:
+            return _by_height(way, field.layers, lines)
         if field.waves is not None:
             start_m = origin @ ROTATIONS[how].T
             return _in_large_eddies(way, field.waves, start_m, lines.direction @ ROTATIONS[how].T)
         return _between(way, enter, lines.length - leave) if lattice.bounded else way
+
+
+def _by_height(way: Way, layers: Departures, lines: Lines) -> Way:
+    """Returns a way with the mean air by height, that of the middle of each segment."""
+    middle = np.cumsum(way.length, axis=1) - way.length / 2
+    start = np.broadcast_to(lines.start, lines.direction.shape)
+    moister, warmer = layers.at(start[:, 2:] + middle * lines.direction[:, 2:])
+    offset = warmer if way.offset is None else way.offset + warmer
+    return Way(way.length, (1 + way.delta) * (1 + moister) - 1, offset)
 
 
 def _in_large_eddies(way: Way, waves: Waves, start: Array, direction: Array) -> Way:

@@ -19,6 +19,7 @@ from thzcl.surfaces import source
 from thzcl.surfaces.ends import RayEnds
 from thzcl.surfaces.radiance import Table
 from thzcl.surfaces.source import SourceKernels
+from thzcl.turbulence.cube import Field
 
 Array = NDArray[np.float64]
 AT_ONCE = 8  # frequencies that one pass carries
@@ -34,6 +35,7 @@ class EmissionKernels(MarchKernels, SourceKernels):
     files: ClassVar = (
         "surfaces/camera",
         "paths/march",
+        "paths/layers",
         "surfaces/source",
         "paths/attenuate",
         "paths/emission",
@@ -45,6 +47,8 @@ class EmissionKernels(MarchKernels, SourceKernels):
     planck_powers: int
     counts: tuple[int, ...]
     thin: bool
+    one_temperature: bool
+    layers: int | None
     veil: bool = False
 
 
@@ -159,7 +163,8 @@ def _emission_pass(
         "emission",
         len(segments),
         delta=medium.field.delta,
-        offset=medium.field.offset,
+        offset=medium.field.delta if medium.field.offset is None else medium.field.offset,
+        **_layered(device, ends, medium.field, precision),
         **placed(device, ends, medium, ends.followed),
         path_length=path_length,
         surface=surface,
@@ -176,10 +181,26 @@ def _emission_pass(
     return depth.host(), contrast.host(), path_length.host(), surface.host()
 
 
+def _layered(device: Device, ends: RayEnds, field: Field, precision: str) -> dict[str, Any]:
+    """Returns the kernel arguments that describe the mean air by height."""
+    if field.layers is None:
+        none = device.empty((1,), precision)
+        return {"layers": none, "rows": 0, "level": 0.0, "rise": ends.reach}
+    table = field.layers.table()
+    directions, start = ends.ways()
+    return {
+        "layers": device.put(table, precision),
+        "rows": table.shape[1],
+        "level": float(start[2]),
+        "rise": device.put(directions[:, 2], device.wide),
+    }
+
+
 def _kernels(
     ends: RayEnds, medium: Medium, tables: Emitting, cutoff: float | None
 ) -> EmissionKernels:
     """Returns the kernel of an emission pass with its options."""
+    field = medium.field
     frequencies, humidity_powers, temperature_powers = tables.coefficients.shape
     return EmissionKernels(
         **march_options(cutoff, ends, medium),
@@ -189,6 +210,10 @@ def _kernels(
         planck_powers=tables.planck.shape[1],
         counts=tables.counts,
         veil=bool(tables.veil.any()),
+        one_temperature=medium.field.offset is None,
+        layers=None
+        if field.layers is None
+        else 1 << (field.layers.height_m.shape[0].bit_length() - 1),
         thin=tables.densest * medium.field.lattice.diagonal_m <= THIN,
         **source.options(ends.facing, tables.sent),
     )

@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 
 from thzcl.device.opencl import Device
 from thzcl.paths.trace import Motion, Paths
-from thzcl.surfaces import camera
 from thzcl.surfaces.ends import RayEnds
 from thzcl.turbulence.large_scales import Waves
 from thzcl.turbulence.orientation import ROTATIONS
@@ -40,16 +39,11 @@ class RayMeans:
     def of(cls, waves: Waves, ends: RayEnds, motion: Motion) -> RayMeans:
         """Returns the rays that end at `ends`, with their means."""
         turn = ROTATIONS[motion.orientation].T
-        origin, forward, right, up, _, offset = ends.start_frame()
-        raster = ends.geometry.raster
-        numbers = np.minimum(np.arange(ends.rays), raster.rays - 1)
-        direction = camera.directions(np.array([origin, forward, right, up]), raster, numbers)
-        if ends.start is not None:
-            direction = offset + ends.reach.host().astype(np.float64)[:, None] * direction
+        direction, origin = ends.ways()
         starts = np.broadcast_to(origin, direction.shape)
         if motion.times_s is not None:
             times = np.zeros(ends.rays)
-            times[: raster.rays] = motion.times_s.array.ravel()
+            times[: ends.geometry.raster.rays] = motion.times_s.array.ravel()
             starts = starts - times[:, None] * np.array(motion.wind_m_s)
         norm = np.linalg.norm(direction, axis=1)[:, None]
         unit = np.divide(direction, norm, out=np.zeros_like(direction), where=norm > 0) @ turn

@@ -11,14 +11,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from thzcl import files
+from thzcl.air import layers
 from thzcl.air import weather as air_weather
 from thzcl.air.expansion import ExpansionSpec, TrimmedSpec, possible
+from thzcl.air.layers import Departures
 from thzcl.air.mean import NOWHERE, Air, Span
 from thzcl.air.radiometry import LIGHT_SPEED
 from thzcl.air.weather import Weather
 from thzcl.error.budget import ErrorSpec, LatticeErrorSpec, SamplingSpec
 from thzcl.error.rays import FineWalkSpec, WalkSpec
-from thzcl.errors import ScenarioError
+from thzcl.errors import FileError, ScenarioError
 from thzcl.graph import Spec, Values
 from thzcl.plan import numerics, sky, weather
 from thzcl.plan.air import STILL, AnyAir, Moving, NonIsothermalAir, Setup, TurbulentAir, UniformAir
@@ -46,9 +48,11 @@ from thzcl.turbulence.cube_file import CubeFile
 from thzcl.turbulence.fields import (
     AnyField,
     CubeSpec,
+    EvenSpec,
     FieldSpec,
     LargeScalesSpec,
     NotesSpec,
+    ProfiledSpec,
     SavedCubeSpec,
 )
 from thzcl.turbulence.orientation import ROTATIONS
@@ -56,6 +60,8 @@ from thzcl.turbulence.orientation import ROTATIONS
 Array = NDArray[np.float64]
 SCATTERED_K = 1e-3  # what weather adds to rays is left out where it is less everywhere
 SCATTERED_RAYS = 48  # of which that is estimated
+EVEN_STEPS = 400  # into which the longest ray is divided where the mean air changes by height
+FINEST_STEP_M = 0.01
 
 
 @dataclass(frozen=True)
@@ -314,6 +320,43 @@ class _Planner:
         x, y, z = place.tolist()
         return LargeScalesSpec(cube, (x, y, z), reach)
 
+    def _layers(self) -> Departures | None:
+        """Returns how the mean air changes by height, or None if it does not.
+
+        Raises ScenarioError for a profile that does not reach all rays.
+        """
+        given, absorbs = self.scene.atmosphere.profile, self.air.absorption
+        if given is None or not absorbs(self.spectrum.nodes_hz.array).any():
+            return None
+        with files_refused(self.scenario):
+            path = self.scenario.locate(given.file)
+            profile = layers.read(path)
+            level = self.scene.camera.position_m[2]
+            ends = level + self.sample.length * self.sample.direction[:, 2]
+            others = [level] if self.needs.transmitter_m is None else [self.needs.transmitter_m[2]]
+            lowest, highest = (float(f([*ends, level, *others])) for f in (min, max))
+            low, high = profile.span_m
+            if lowest < low or highest > high:
+                first, last = profile.height_m.array[[0, -1]]
+                rows = f"its rows reach from {first:g} to {last:g} m, and rays of the scene"
+                text = f"{rows} from {lowest:.4g} to {highest:.4g} m; give rows for all of them"
+                raise FileError(f"{path}: {text}")
+            grams = self.air.absolute_humidity_g_m3
+            if grams == 0:
+                text = "its humidity cannot be measured by a scene's of 0; give a humidity above 0"
+                raise FileError(f"{path}: {text}")
+            return profile.departures(self.air.temperature_k, grams)
+
+    def _crossed(self, cube: AnyField | None) -> AnyField | None:
+        """Returns the voxels that rays cross: the cube's, or those of air that changes by height."""
+        by_height = self._layers()
+        if by_height is None:
+            return cube
+        if isinstance(cube, FieldSpec | CubeSpec):
+            return ProfiledSpec(cube, by_height)
+        edge = max(float(self.sample.length.max()) / EVEN_STEPS, FINEST_STEP_M)
+        return ProfiledSpec(EvenSpec(edge, self.settled.precision), by_height)
+
     def _setup(self) -> Setup:
         """Returns what all rays of the variant have in common."""
         lambert = self.needs.gain == "lambert"
@@ -357,10 +400,11 @@ class _Planner:
         """Returns the kind of air that light goes through; it is asked for nowhere else."""
         flow = self.scene.atmosphere.fluctuations
         source, why = self.cube_sources[setup.air]
-        if source is None or cube is None or flow is None:
+        by_height = isinstance(cube, ProfiledSpec)
+        if cube is None or (source is None and not by_height):
             return UniformAir(setup, why)
         share = self.foreseen.share_traced(self.settled.stride)
-        wind = flow.wind_m_s
+        wind = STILL if flow is None or source is None else flow.wind_m_s
         where = self._orientation(), wind, self.sample, self._visible_m()
         moving = Moving(cube, *where, share)
         return TurbulentAir(setup, moving) if cube.isothermal else NonIsothermalAir(setup, moving)
@@ -432,10 +476,11 @@ class _Planner:
     def planned(self) -> PlannedVariant:
         """Returns the plan of the variant."""
         cube, setup = self._field(), self._setup()
-        if cube is not None:
-            self._refuse_beyond(*cube.spans())
-            self.rivals = tuple(o.within(self.spectrum, *cube.spans()) for o in self.rivals)
-        air, every = self._air(setup, cube), tuple(range(self.split.parts.count))
+        crossed = self._crossed(cube)
+        if crossed is not None:
+            self._refuse_beyond(*crossed.spans())
+            self.rivals = tuple(o.within(self.spectrum, *crossed.spans()) for o in self.rivals)
+        air, every = self._air(setup, crossed), tuple(range(self.split.parts.count))
         parts = self._parts(air, every)
         errors = self._errors(air, parts[0])
         other = self._fine(setup, every, turn=1) if errors else None
@@ -445,7 +490,7 @@ class _Planner:
         return PlannedVariant(
             self.variant.name,
             self._image(setup, parts),
-            tuple(self._compared(setup, cube, one) for one in self.rivals if one.planes),
+            tuple(self._compared(setup, crossed, one) for one in self.rivals if one.planes),
             air.expansion,
             errors,
             None if cube is None else NotesSpec(cube),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, ClassVar, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import Field
 
@@ -155,6 +155,21 @@ class Fluctuations(Table):
         return []
 
 
+class AirProfile(Table):
+    """Mean humidity and temperature by height, such as those over a warm or a moist ground."""
+
+    file: str = key(
+        min_length=1,
+        help="CSV file: height_m or height_km, temperature_k or temperature_degc, and "
+        "absolute_humidity_g_m3, relative_humidity_percent or vapour_pressure_hpa",
+    )
+
+
+def _optional(schema: dict[str, Any]) -> None:
+    """Lets a scene leave out the temperature, which a profile can give."""
+    schema["required"].remove("temperature_k")
+
+
 class Atmosphere(Table):
     """The mean air, what is in it, and how it fluctuates.
 
@@ -162,7 +177,11 @@ class Atmosphere(Table):
     """
 
     # A key may begin with model_, which pydantic would like to keep for itself.
-    model_config = Table.model_config | {"extra": "allow", "protected_namespaces": ()}
+    model_config = Table.model_config | {
+        "extra": "allow",
+        "protected_namespaces": (),
+        "json_schema_extra": _optional,
+    }
     exactly_one: ClassVar = (("relative_humidity_percent", "absolute_humidity_g_m3"),)
 
     temperature_k: AirKelvin = key(help="mean air temperature", unit="K")
@@ -182,6 +201,10 @@ class Atmosphere(Table):
     )
     fluctuations: Fluctuations | None = key(
         None, help="turbulence; leave the table out for uniform air"
+    )
+
+    profile: AirProfile | None = key(
+        None, help="mean air by height; temperature and humidity may then be left out"
     )
 
     @property
@@ -209,10 +232,18 @@ class Atmosphere(Table):
         return Air(constituents, self.temperature_k, self.pressure_hpa, grams)
 
     def troubles(self) -> list[Trouble]:  # noqa: D102 (Table's)
+        found, flow = [], self.fluctuations
+        if self.profile is not None and flow is not None:
+            for odd, text in (
+                (flow.spectrum == "file", "a cube from a file holds its own mean air by height"),
+                (flow.large_scales, "does not go with fluctuations.large_scales"),
+            ):
+                if odd:
+                    found.append(self.trouble("profile", f"{text}; remove one of the two"))
         vapour, total = self._holding(()).vapour_pressure_hpa, self.pressure_hpa
         if vapour <= total:
-            return []
+            return found
         names = ("relative_humidity_percent", "absolute_humidity_g_m3")
         given = next(name for name in names if getattr(self, name) is not None)
         text = f"makes a vapour pressure of {vapour:.4g} hPa, more than the total of {total:g} hPa"
-        return [self.trouble(given, f"{text}; lower it")]
+        return [*found, self.trouble(given, f"{text}; lower it")]

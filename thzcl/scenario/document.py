@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import secrets
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from copy import deepcopy
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
-from thzcl.errors import ScenarioError
+from thzcl.air import layers
+from thzcl.errors import FileError, ScenarioError
 from thzcl.files import inside
 from thzcl.plugins.names import suggest
 from thzcl.scenario import constituents, sensors
@@ -246,8 +248,9 @@ def parse(
     ]
     chosen = [(at, entry) for at, entry in enumerate(entries) if not names or entry.name in names]
     variants = []
+    locate = partial(inside, document.folder, allow_outside=allow_outside)
     for at, entry in chosen or [(0, VariantTable(name=document.name))]:
-        scene, found = _scene(base, entry, at)
+        scene, found = _scene(base, entry, at, locate)
         troubles += found
         if scene is not None:
             variants.append(Variant(entry.name, scene, entry.name if entries else ""))
@@ -281,20 +284,43 @@ def _of_difference(base: Mapping[str, Any], known: Sequence[str]) -> list[Troubl
 
 
 def _scene(
-    base: Mapping[str, Any], entry: VariantTable, at: int
+    base: Mapping[str, Any], entry: VariantTable, at: int, locate: Callable[[str], Path]
 ) -> tuple[Scene | None, list[Trouble]]:
     """Returns the scene of the variant at a place in the list, and what is wrong with it."""
     data = dict(deepcopy(base))
     reasons = _change_all(data, entry.set)
     troubles = [Trouble(("variants", at, "set", name), why) for name, why in reasons.items() if why]
-    data = frozen(data)
+    data, lacking = _of_profile(frozen(data), locate)
     scene, found = validate(Scene, data)
+    found += lacking
     found += [trouble.below("sensor") for trouble in sensors.troubles(data.get("sensor"))]
     keys = Atmosphere.model_fields
     in_air = constituents.troubles(data.get("atmosphere"), keys["model"].default, keys)
     found += [trouble.below("atmosphere") for trouble in in_air]
     changed = {_split(name): name for name in entry.set}
     return scene, troubles + [_in_variant(trouble, changed, at) for trouble in found]
+
+
+def _of_profile(
+    data: dict[str, Any], locate: Callable[[str], Path]
+) -> tuple[dict[str, Any], list[Trouble]]:
+    """Returns data whose mean air, where it is left out, is a profile's at the camera."""
+    air, camera = data.get("atmosphere"), data.get("camera")
+    profile = air.get("profile") if isinstance(air, dict) else None
+    if not isinstance(air, dict) or not isinstance(profile, dict) or not isinstance(camera, dict):
+        return data, []
+    file, place = profile.get("file"), camera.get("position_m")
+    dry = not {"relative_humidity_percent", "absolute_humidity_g_m3"} & air.keys()
+    known = isinstance(place, tuple) and len(place) == 3 and isinstance(place[2], int | float)
+    if not isinstance(file, str) or not known or not (dry or "temperature_k" not in air):
+        return data, []
+    try:
+        kelvin, grams = layers.read(locate(file)).at(float(place[2]))
+    except FileError as error:
+        return data, [Trouble(("atmosphere", "profile", "file"), str(error))]
+    mean: dict[str, Any] = {} if "temperature_k" in air else {"temperature_k": kelvin}
+    mean |= {"absolute_humidity_g_m3": grams} if dry else {}
+    return data | {"atmosphere": air | mean}, []
 
 
 def _variant_tables(data: Any) -> tuple[list[VariantTable], list[Trouble]]:

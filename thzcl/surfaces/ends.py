@@ -12,7 +12,7 @@ from numpy.typing import DTypeLike, NDArray
 from thzcl.device.kernels import Kernels
 from thzcl.device.opencl import Buffer, Device
 from thzcl.graph import LeftOut, Memory, Spec, Values, Work, frozen
-from thzcl.surfaces import geometry
+from thzcl.surfaces import camera, geometry
 from thzcl.surfaces.geometry import Geometry, Things
 
 Array = NDArray[np.float64]
@@ -99,6 +99,19 @@ class RayEnds:
         """Returns the frame of the rays in the world, (6, 3), as geometry.world_frame makes it."""
         start = None if self.start is None else np.array(self.start)
         return geometry.world_frame(self.geometry.frame.array, start)
+
+    def ways(self) -> tuple[Array, Array]:
+        """Returns the rays in the world: directions (ray, 3) and the start (3,), in m.
+
+        A ray reaches the place start + s * direction at its parameter s.
+        """
+        start, forward, right, up, _, offset = self.start_frame()
+        raster = self.geometry.raster
+        numbers = np.minimum(np.arange(self.rays), raster.rays - 1)
+        direction = camera.directions(np.array([start, forward, right, up]), raster, numbers)
+        if self.start is not None:
+            direction = offset + self.reach.host().astype(np.float64)[:, None] * direction
+        return direction, start
 
 
 @frozen

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from thzcl import files
+from thzcl.air.layers import Departures
 from thzcl.device.kernels import Kernels
 from thzcl.device.opencl import Buffer, Device, Program
 from thzcl.errors import FileError
@@ -49,6 +50,7 @@ class Field:
     notes: tuple[str, ...]
     strength: float = 0.0  # what multiplied a Gaussian of C^2 = 1 to make the humidity
     waves: Waves | None = None  # eddies larger than the cube, which add to delta
+    layers: Departures | None = None  # the mean air by height
 
     @property
     def grid(self) -> int:

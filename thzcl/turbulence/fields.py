@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from thzcl.air.layers import Departures
 from thzcl.air.mean import Air
 from thzcl.device.opencl import Device
 from thzcl.graph import LeftOut, Memory, Spec, Work, frozen
@@ -19,6 +20,8 @@ from thzcl.turbulence.lattice import Lattice
 from thzcl.turbulence.spectra import KOLMOGOROV, Turbulence
 
 SEED_STEP = 0x9E3779B97F4A7C15  # 2^64 over the golden ratio: neighbours share no realisation
+EVEN_GRID = 16  # voxels along an edge of a cube of even air
+BY_HEIGHT = "mean temperature changes by height"
 ONE_TEMPERATURE = LeftOut("air temperature does not fluctuate")
 WARM = Work("", "temperature fluctuates too")
 
@@ -206,7 +209,99 @@ class LargeScalesSpec(Spec):
         return replace(cube, waves=waves, humidity_span=span, notes=notes)
 
 
-AnyField = FieldSpec | CubeSpec | LargeScalesSpec
+@frozen
+class EvenSpec(Spec):
+    """Voxels of mean air, through which rays go where only the mean air changes, by height."""
+
+    edge_m: float
+    precision: str
+    stage = "temperature-field"
+
+    @property
+    def lattice(self) -> Lattice:
+        """Returns the voxels."""
+        return Lattice.cubic(EVEN_GRID, self.edge_m)
+
+    @property
+    def random(self) -> None:
+        """Returns None: nothing is drawn at random."""
+        return
+
+    def spans(self) -> tuple[Span, Span]:
+        """Returns that nothing departs from the mean."""
+        return (0.0, 0.0), (0.0, 0.0)
+
+    def run(self, device: Device) -> Field:
+        """Returns the voxels on the device."""
+        delta = device.put(np.zeros(self.lattice.shape), self.precision)
+        return Field(self.lattice, delta, None, (0.0, 0.0), (0.0, 0.0), ())
+
+    def memory(self) -> Memory:
+        """Returns the size of the voxels."""
+        return Memory((np.dtype(self.precision).itemsize * self.lattice.voxels,))
+
+
+@frozen
+class ProfiledSpec(Spec):
+    """Air whose mean changes by height, with the fluctuations of a cube or even voxels in it.
+
+    Humidity departs by (1 + delta)(1 + D) - 1, D being the profile's departure, and temperature by
+    the sum of the two.
+    """
+
+    cube: FieldSpec | CubeSpec | EvenSpec
+    layers: Departures
+    reads = ("cube",)
+    stage = "temperature-field"
+
+    @property
+    def precision(self) -> str:
+        """Returns the arithmetic of the cube."""
+        return self.cube.precision
+
+    @property
+    def lattice(self) -> Lattice:
+        """Returns the voxels of the cube."""
+        return self.cube.lattice
+
+    @property
+    def isothermal(self) -> bool:
+        """Returns false: temperature changes by height."""
+        return False
+
+    @property
+    def random(self) -> Turbulence | None:
+        """Returns the statistics of air that is drawn at random."""
+        return self.cube.random
+
+    def spans(self) -> tuple[Span, Span]:
+        """Returns ranges of delta and of temperature's departure from the mean, K."""
+        return _widened(*self.cube.spans(), self.layers)
+
+    def run(self, device: Device, cube: Field) -> Field:
+        """Returns the cube with the profile, and its spans widened by that."""
+        del device
+        spans = _widened(cube.humidity_span, cube.temperature_span, self.layers)
+        widened = {"humidity_span": spans[0], "temperature_span": spans[1]}
+        return replace(cube, layers=self.layers, **widened)
+
+    def describe(self) -> dict[str, Work | LeftOut]:
+        """Returns that the mean air changes by height."""
+        found: dict[str, Work | LeftOut] = {"temperature-field": Work("", BY_HEIGHT)}
+        if isinstance(self.cube, EvenSpec):
+            found["humidity-field"] = LeftOut("no [atmosphere.fluctuations]: no field, no FFT")
+        return found
+
+
+def _widened(humidity: Span, temperature: Span, layers: Departures) -> tuple[Span, Span]:
+    """Returns spans with the departures of a profile."""
+    moister, warmer = layers.spans
+    products = [(1 + a) * (1 + b) - 1 for a in humidity for b in moister]
+    cold, warm = temperature[0] + warmer[0], temperature[1] + warmer[1]
+    return (min(products), max(products)), (cold, warm)
+
+
+AnyField = FieldSpec | CubeSpec | LargeScalesSpec | ProfiledSpec
 
 
 @frozen
