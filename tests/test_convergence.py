@@ -10,7 +10,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from scenes import scene, write
+from scenes import MOIST, scene, write
 
 from thzcl.device.choose import open_device
 from thzcl.errors import ScenarioError
@@ -221,6 +221,21 @@ def test_levels_and_directions_of_the_sky(tmp_path):
     (tmp_path / "none").mkdir()
     none = studied(tmp_path / "none", scene(atmosphere__fluctuations=None), knobs)
     assert {one["reason"] for one in none["left_out"]} == {"no [sky] is seen"}
+
+
+def test_layers_and_directions_of_scattered_light(tmp_path):
+    """They err the less the finer they are, and are left out where nothing falls."""
+    knobs = ["scattering-layers", "scattering-directions"]
+    rain = MOIST | {"rain": {"rate_mm_h": 10.0}}
+    changes = {"sky": {"profile": "us-standard"}, "sensor__frequency_ghz": 94.0}
+    found = studied(tmp_path, scene(atmosphere=rain, **changes), knobs)
+    layers = by_setting(found, "scattering-layers")
+    assert layers["layers of 0.3 depth"] > 1.5 * layers["layers of 0.01 depth"]
+    directions = by_setting(found, "scattering-directions")
+    assert directions["2 of a hemisphere"] > 3 * directions["8 of a hemisphere"] > 1e-9
+    (tmp_path / "none").mkdir()
+    none = studied(tmp_path / "none", scene(atmosphere=MOIST), knobs)
+    assert {one["reason"] for one in none["left_out"]} == {"no light is scattered into rays"}
 
 
 def test_libraries_differ_by_rounding_alone(tmp_path):

@@ -108,6 +108,7 @@ class Weather:
     around_k: float | None = None
     directions: int = scattering.DIRECTIONS
     highest_m: float = math.inf  # the layers end there, if they do not before
+    thinnest: float = THINNEST
 
     def extinction(self, frequency_hz: Array) -> Array:
         """Returns what falls takes from light, 1/m, (frequency,)."""
@@ -265,7 +266,7 @@ def _gas(weather: Weather, hz: Array) -> tuple[Array, Array, Array, Array]:
     if column is not None:
         highest = float(sky.levels(column)[-1])
         tops = [min(top, highest) for top in tops]
-    edges = _graded(np.array([0.0, *tops]), whole)
+    edges = _graded(np.array([0.0, *tops]), whole, weather.thinnest)
     if column is None:
         other = np.maximum(whole - weather.extinction(hz), 0.0)
         kelvin = np.full(len(edges) - 1, air.temperature_k)
@@ -276,14 +277,14 @@ def _gas(weather: Weather, hz: Array) -> tuple[Array, Array, Array, Array]:
     return edges, absorption, kelvin[:, 0], kelvin[:, 1]
 
 
-def _graded(ends: Array, extinction: Array) -> Array:
+def _graded(ends: Array, extinction: Array, thinnest: float) -> Array:
     """Returns heights between some ends, closer together towards these, where light changes fast.
 
-    Steps are THINNEST of the depth at the densest frequency beside an end, grow with the distance
-    from it, and end at scattering.THICKEST of that at the thinnest.
+    Steps are of `thinnest` depth at the densest frequency beside an end, grow with the distance
+    from it, and end at scattering.THICKEST of that at the clearest.
     """
-    dense, thin = max(float(extinction.max()), 1e-12), max(float(extinction.min()), 1e-12)
-    fine, coarse = THINNEST / dense, min(scattering.THICKEST / thin, COARSE_M)
+    dense, clear = max(float(extinction.max()), 1e-12), max(float(extinction.min()), 1e-12)
+    fine, coarse = thinnest / dense, min(scattering.THICKEST / clear, COARSE_M)
     found = []
     for low, high in pairwise(ends.tolist()):
         steps, middle = [0.0], (high - low) / 2

@@ -12,13 +12,16 @@ from functools import cache, partial
 from typing import Any
 
 from thzcl.air.expansion import ExpansionSpec
+from thzcl.air.scattering import DIRECTIONS
 from thzcl.air.sky import FINEST_M, POINTS
+from thzcl.air.weather import THINNEST
 from thzcl.clock import Clock
 from thzcl.graph import everything, peak
 from thzcl.paths.specs import EmissionSpec, TraceSpec
 from thzcl.plan import numerics
 from thzcl.plan.plan import Plan
 from thzcl.plan.variant import PlannedVariant
+from thzcl.sensing.weather import WeatherSpec
 from thzcl.studies.convergence.specs import (
     Change,
     by_library,
@@ -26,6 +29,7 @@ from thzcl.studies.convergence.specs import (
     by_steps,
     by_table,
     in_coarse_air,
+    in_weather,
     under_sky,
 )
 from thzcl.studies.convergence.subject import EXACT, Contrasts, Subject, pixels
@@ -335,6 +339,45 @@ def sky_look_up(subject: Subject) -> Knob:
     return _sky_knob(subject, "sky-look-up", settings, by_look_up(TOLERANCE / 100))
 
 
+def scattering_layers(subject: Subject) -> Knob:
+    """Returns the knob of the layers in which light is scattered, by depth of the thinnest."""
+
+    def layered(thinnest: float) -> Change:
+        return in_weather(lambda weather: replace(weather, thinnest=thinnest))
+
+    settings = [
+        _rewritten(subject, f"layers of {depth:g} depth", depth == THINNEST, layered(depth))
+        for depth in (0.3, 0.1, 0.03, THINNEST, THINNEST / 2)
+    ]
+    return _weather_knob(subject, "scattering-layers", settings, layered(THINNEST / 10))
+
+
+def scattering_directions(subject: Subject) -> Knob:
+    """Returns the knob of the directions of scattered light, and of the phase function's terms.
+
+    For n directions of a hemisphere there are 2 n Legendre terms. That of the most that the phase
+    functions have terms for counts as exact.
+    """
+
+    def directed(count: int) -> Change:
+        return in_weather(lambda weather: replace(weather, directions=count))
+
+    settings = [
+        _rewritten(subject, f"{count} of a hemisphere", count == DIRECTIONS, directed(count))
+        for count in (2, 4, 8, 16, DIRECTIONS)
+    ]
+    return _weather_knob(subject, "scattering-directions", settings, directed(DIRECTIONS))
+
+
+def _weather_knob(subject: Subject, name: str, settings: list[Setting], finest: Change) -> Knob:
+    """Returns a knob of scattered light, exact as with the `finest` setting."""
+    specs = everything(pixels(subject.plan))
+    if not any(isinstance(spec, WeatherSpec) for spec in specs):
+        raise MeaninglessError("no light is scattered into rays")
+    exact = cache(lambda: subject.contrasts(subject.plan, Clock(), finest))
+    return Knob(name, ("scattering",), tuple(settings), exact)
+
+
 def _sky_knob(subject: Subject, name: str, settings: list[Setting], finest: Change) -> Knob:
     """Returns a knob of the sky, whose image without error is that of the `finest` one."""
     if not any(variant.image.sources.sky_views() for variant in subject.plan.variants):
@@ -357,6 +400,8 @@ KNOBS: dict[str, Callable[[Subject], Knob]] = {
     "sky-levels": sky_levels,
     "sky-directions": sky_directions,
     "sky-look-up": sky_look_up,
+    "scattering-layers": scattering_layers,
+    "scattering-directions": scattering_directions,
 }
 
 

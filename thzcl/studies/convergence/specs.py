@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from thzcl.air.expansion import Expansion, ExpansionSpec
 from thzcl.air.mean import NOWHERE, Air
+from thzcl.air.weather import Weather
 from thzcl.device.opencl import Buffer, Device
 from thzcl.graph import Spec, Values, frozen
 from thzcl.paths import trace
@@ -22,6 +23,7 @@ from thzcl.paths.large_scales import RayMeans
 from thzcl.paths.specs import AnyEnds, TraceSpec
 from thzcl.paths.trace import Motion, Paths
 from thzcl.sensing.transfer import ShadeSpec
+from thzcl.sensing.weather import WeatherSpec
 from thzcl.surfaces.ends import EndsSpec, RayEnds
 from thzcl.surfaces.radiance import Emission, SentSpec
 from thzcl.surfaces.sky import Behind, Sky
@@ -59,6 +61,17 @@ def under_sky(change: Callable[[Sky], Sky]) -> Change:
         if isinstance(behind, Behind):
             behind = replace(behind, sky=change(behind.sky))
         return replace(spec, sources=replace(spec.sources, surroundings=around, behind=behind))
+
+    return changed
+
+
+def in_weather(change: Callable[[Weather], Weather]) -> Change:
+    """Returns the change to rays that bring the light of another weather."""
+
+    def changed(spec: Any) -> Any:
+        if not isinstance(spec, WeatherSpec):
+            return spec
+        return replace(spec, weather=change(spec.weather))
 
     return changed
 

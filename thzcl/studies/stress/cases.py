@@ -132,10 +132,16 @@ def _contrasts() -> list[Case]:
     microkelvin = {"targets.wall": WALL | {"temperature_k": 290.000001}}
     clear = microkelvin | {f"{AIR}.model": "none"}
     walls = {k: {"targets.wall": WALL | {"temperature_k": k}} for k in SOURCES_K}
+    downpour = {f"{AIR}.rain": {"rate_mm_h": 300.0, "temperature_k": 290.0}}
+    downpour["targets.wall"] = WALL | {"temperature_k": 290.0}
+    dense = {f"{AIR}.fog": {"liquid_water_g_m3": 5.0}}
+    still = (judges.nothing, NOTHING)
     return [
         Case("depth of 1e-12", THIN, DEPTH),
         Case("contrast of 1 microkelvin", microkelvin, {"passed": (judges.passed, STORED)}),
         Case("contrast of 1 microkelvin in clear air", clear, {"kelvin": (judges.warmth, STORED)}),
+        Case("rain of 300 mm/h as warm as all else", equal | downpour, {"contrast": still}),
+        Case("depth of fog of 5 g/m3", dense, DEPTH),
         Case("target, ground and air equal", equal, {"contrast": (judges.nothing, NOTHING)}),
         *(Case(f"target of {k:g} K", scene, EVERYTHING) for k, scene in walls.items()),
     ]

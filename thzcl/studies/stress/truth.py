@@ -54,14 +54,20 @@ def absorption(
 ) -> Array:
     """Returns the absorption in 1/m of air with `grams_m3` of vapour; the arguments broadcast.
 
-    The vapour pressure is limited to the total pressure.
+    The vapour pressure is limited to the total pressure. What falls is that of the mean air, and
+    what it scatters is lost as well.
     """
     air = scene.atmosphere
     pascal = np.maximum(grams_m3, 0) / 1e3 * GAS_CONSTANT_OF_VAPOUR * temperature_k
     vapour_hpa = np.minimum(pascal / 100, air.pressure_hpa)
-    (gas,) = air.air.parts
+    gas, *others = air.air.parts
     state = temperature_k, air.pressure_hpa, vapour_hpa
-    return np.asarray(composition.optical_properties(gas, frequency_hz, *state).absorption)
+    found = composition.optical_properties(gas, frequency_hz, *state).absorption
+    mean = air.air.temperature_k, air.pressure_hpa, air.air.vapour_pressure_hpa
+    for part in others:
+        optics = composition.optical_properties(part, frequency_hz, *mean)
+        found = found + np.asarray(optics.absorption) + np.asarray(optics.scattering)
+    return np.asarray(found)
 
 
 def directions(scene: Scene) -> Array:
