@@ -2,7 +2,7 @@
 
     python tests/coverage_of_intervals.py [TRIALS]
 
-Each trial draws 100 airs of a flat scene, half to learn and half to test, as `thzcl range` does, and
+Each trial draws 100 airs of a flat scene, half to learn and half to test, as `thzcl range` does. It
 asks whether the nominal 95 % intervals hold the truth of the observer that was learnt.
 """
 
@@ -50,12 +50,15 @@ class Gaussian:
         self.clutter, self.signal = clutter, strength * disc()
 
     def air(self, rng):
+        """Returns what all draws in one air share."""
         return drawn(rng, self.clutter)
 
     def image(self, rng, air, there):
+        """Returns a draw of the noise in an air, with the target or without."""
         return air + rng.normal(size=(SIZE, SIZE)) + there * self.signal
 
     def truths(self, observer):
+        """Returns what d', area and probability of an observer truly are."""
         spectrum = 1.0 + self.clutter
         d_prime = metrics.template_d_prime(observer.template, self.signal, spectrum)
         probability = norm.cdf(d_prime - norm.isf(FALSE_ALARM))
@@ -71,14 +74,17 @@ class Speckle:
         self.power, self.ratio = 1 + (ratio - 1) * disc() * 1.0, ratio
 
     def air(self, rng):
+        """Returns what all draws in one air share."""
         del rng
         return 1.0
 
     def image(self, rng, air, there):
+        """Returns a draw of the noise in an air, with the target or without."""
         return air * (self.power if there else 1.0) * rng.gamma(self.looks, 1 / self.looks,
                                                                 (SIZE, SIZE))  # fmt: skip
 
     def truths(self, observer):
+        """Returns what d', area and probability of an observer truly are."""
         on, off = (observer.template > 0) & (disc() > 0), (observer.template > 0) & (disc() == 0)
         assert not off.any() and (on == (disc() > 0)).all()  # the template is the target's cells
         shape, q = self.looks * on.sum(), self.ratio
@@ -132,5 +138,7 @@ if __name__ == "__main__":
     count = int(sys.argv[1]) if sys.argv[1:] else 200
     for name, world in WORLDS.items():
         hits, truths, tails = held(world, count)
-        told = ", ".join(f"{n} {hits[n]} (truth {t:.3f})" for n, t in zip(TRUTHS, truths))
+        told = ", ".join(
+            f"{n} {hits[n]} (truth {t:.3f})" for n, t in zip(TRUTHS, truths, strict=True)
+        )
         print(f"{name}: of {count} trials {told}; thresholds {dict(tails)}", flush=True)

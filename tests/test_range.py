@@ -51,7 +51,7 @@ def asked(tmp_path, data, device, **options):
 
 
 def closed_form(tmp_path, data, device, range_m):
-    """D' of a plate behind even air in white noise: its contrast, NEDT and pixels, and no more."""
+    """The plate's d' behind even air in white noise: contrast, NEDT and pixels, and no more."""
     moved = {
         "targets.plate.center_m": [range_m, 0.0, 1.2], "camera.look_at_m": [range_m, 0.0, 1.2],
     }  # fmt: skip
@@ -223,7 +223,7 @@ def test_draws_are_as_many_as_a_rate_of_false_alarms_takes():
 
 def test_an_answer_goes_on_where_it_was(tmp_path, device, monkeypatch):
     data, computed = target(), []
-    together = ranges._together
+    together = ranges.computed_together
 
     def counted(question, some, opened):
         for found in together(question, some, opened):
@@ -232,7 +232,7 @@ def test_an_answer_goes_on_where_it_was(tmp_path, device, monkeypatch):
                 raise KeyboardInterrupt
             yield found
 
-    monkeypatch.setattr(ranges, "_together", counted)
+    monkeypatch.setattr(ranges, "computed_together", counted)
     out = tmp_path / "out"
     with pytest.raises(KeyboardInterrupt):
         asked(tmp_path, data, device, folder=out)

@@ -24,8 +24,17 @@ if _TYPE_CHECKING:
     from thzcl.scenario.source import Scene
     from thzcl.studies.detection.ranges import detection_range
     from thzcl.studies.many.study import study
+    from thzcl.studies.sequence import sequence
 
-__all__ = ["Result", "Scene", "detection_range", "open_device", "run", "study"]
+__all__ = [
+    "Result",
+    "Scene",
+    "detection_range",
+    "open_device",
+    "run",
+    "sequence",
+    "study",
+]
 
 _HOMES = {
     "Result": "thzcl.results.result",
@@ -33,6 +42,7 @@ _HOMES = {
     "detection_range": "thzcl.studies.detection.ranges",
     "open_device": "thzcl.device.choose",
     "run": "thzcl.pipeline",
+    "sequence": "thzcl.studies.sequence",
     "study": "thzcl.studies.many.study",
 }
 

@@ -11,7 +11,7 @@ from thzcl import metrics
 from thzcl.air.expansion import Expansion
 from thzcl.clock import Clock, Progress
 from thzcl.error.budget import Part, worst
-from thzcl.errors import NumbersError
+from thzcl.errors import NumbersError, ScenarioError
 from thzcl.graph import evaluate
 from thzcl.plan import checks, report
 from thzcl.plan.plan import Plan, make_plan
@@ -85,6 +85,9 @@ def run(
     clock = Clock(progress)
     with clock.stage("plan"):
         plan = prepare(source, settings, variants, allow_outside=allow_outside)
+    if plan.frames:
+        text = "[sequence] has frames, which are written as they come: call thzcl.sequence"
+        raise ScenarioError([f"{plan.scenario.name}: {text}"])
     with clock.stage("device"):
         from thzcl.device.choose import open_device
         from thzcl.device.opencl import Device
@@ -131,6 +134,18 @@ def images_of(
         error_budget=result.error_budget | spread.budget(images, len(result.targets)),
         voxel_segments=device.counters.segments - before,
     )
+
+
+def frame_of(plan: Plan, values: Iterable[Any], first: Result) -> Result:
+    """Returns a frame of a sequence after the first, made of the values of Plan.frame.
+
+    Raises NumbersError if a sensor fails.
+    """
+    rest = iter(values)
+    images = tuple(
+        _shown(v, next(rest), islice(rest, len(v.compared)), first) for v in plan.variants
+    )
+    return replace(first, variants=images)
 
 
 @dataclass(frozen=True)

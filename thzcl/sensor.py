@@ -87,6 +87,7 @@ RESERVED_NAMES = frozenset(
         *("y_angle", "radiance", "brightness_temperature", "brightness_temperature_contrast"),
         *("optical_depth", "path_length", "target", "image", "image_difference"),
         *("image_variance", "image_spread", "absolute_humidity", "air_temperature"),
+        *("image_mean", "scintillation_index"),
         *("image_percentile_5", "image_percentile_50", "image_percentile_95"),
         *("x_voxel", "y_voxel", "z_voxel"),
     }

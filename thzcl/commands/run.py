@@ -46,21 +46,28 @@ def run(
     from thzcl.commands.terminal import note, progress, wrote
     from thzcl.files import make_folder
     from thzcl.scenario.source import find
+    from thzcl.studies.sequence import is_sequence, sequence
 
     file = output / f"{find(scenario).stem}.nc"
     make_folder(output)
+    asked: dict[str, Any] = {
+        "settings": changes(settings),
+        "variants": variant or (),
+        "device": device,
+        "figure": not no_figure,
+        "allow_outside": allow_outside,
+    }
+    more: dict[str, Any] = {}
     with progress(quiet=quiet) as tell, _radiances_kept(file):
-        result = pipeline.run(
-            scenario,
-            settings=changes(settings),
-            variants=variant or (),
-            device=device,
-            figure=not no_figure,
-            allow_outside=allow_outside,
-            progress=tell,
-        )
-        files = _write(result, file, not no_figure, tell)
-    found = result.summary() | {"files": [str(file) for file in files]}
+        if is_sequence(scenario, asked["settings"]):
+            taken = sequence(scenario, file, **asked, progress=tell)
+            result, files, more = taken.mean, list(taken.files), {"frames": taken.frames}
+            if not no_figure:
+                files.append(result.figure(file.with_suffix(".png")))
+        else:
+            result = pipeline.run(scenario, **asked, progress=tell)
+            files = _write(result, file, not no_figure, tell)
+    found = result.summary() | more | {"files": [str(file) for file in files]}
     if how is TextFormat.json:
         show_json(found)
     elif not quiet:

@@ -62,12 +62,14 @@ class Motion:
     """The orientation of the cube in the world, and the wind that moves it.
 
     `times_s` (row, column) says when each ray is taken. It is None if that makes no difference, and
-    the wind is then (0, 0, 0).
+    the wind is then (0, 0, 0). `moved_m` is how far the cube lets all rays start from their places:
+    -U t for a whole image that is taken at a time t.
     """
 
     orientation: str
     wind_m_s: tuple[float, float, float]
     times_s: Values | None
+    moved_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True)
@@ -117,8 +119,9 @@ class Paths:
 
 def medium(device: Device, field: Field, ends: RayEnds, motion: Motion) -> Medium:
     """Returns the cube with the frame of the rays that end at `ends`."""
-    wind = np.array(motion.wind_m_s)
-    frame = geometry.cube_frame(ends.start_frame(), motion.orientation, field.lattice, wind)
+    wind, start = np.array(motion.wind_m_s), ends.start_frame().copy()
+    start[0] += motion.moved_m
+    frame = geometry.cube_frame(start, motion.orientation, field.lattice, wind)
     times = np.zeros(ends.rays)
     if motion.times_s is not None:
         taken = motion.times_s.array.ravel()

@@ -55,6 +55,7 @@ def _of_variants(first: PlannedVariant, variant: PlannedVariant) -> list[Trouble
     if realizations != first.scene.numerics.realizations:
         text = "all variants must have as many; give it once"
         found.append(Trouble(("numerics", "realizations"), text))
+    found += _of_sequence(first, variant)
     fixed = variant.cube is None or variant.cube.random is None
     if realizations > 1 and fixed and not variant.needs.noise:
         found.append(Trouble(("numerics", "realizations"), _AT_RANDOM))
@@ -72,6 +73,41 @@ def _of_variants(first: PlannedVariant, variant: PlannedVariant) -> list[Trouble
         text = f"all variants must have cubes of the same voxel_m, grid and orientation, {_SAME}"
         found.append(Trouble(("output", "save_field"), text))
     return found
+
+
+def _of_sequence(first: PlannedVariant, variant: PlannedVariant) -> list[Trouble]:
+    """Returns the reasons why frames of a variant cannot be taken one after the other."""
+    sequence, needs = variant.scene.sequence, variant.needs
+    if sequence != first.scene.sequence:
+        return [Trouble(("sequence",), "is that of all variants; give it once")]
+    if sequence is None:
+        return []
+    found = []
+    flow = variant.scene.atmosphere.fluctuations
+    still = variant.cube is None or flow is None or not any(flow.wind_m_s)
+    if still and not needs.noise:
+        text = "nothing changes from frame to frame: give [atmosphere.fluctuations] wind_m_s"
+        found.append(Trouble(("sequence",), f"{text}, or a sensor with noise"))
+    if variant.scene.numerics.realizations > 1:
+        text = "and realizations exclude each other; remove one"
+        found.append(Trouble(("sequence",), text))
+    busy_s = _busy_s(variant)
+    if busy_s * sequence.rate_hz > 1 + 1e-9:
+        text = (
+            f"a frame every {1 / sequence.rate_hz:.4g} s leaves no time for the {busy_s:.4g} s "
+            f"that the sensor takes over one; give at most {math.floor(1e4 / busy_s) / 1e4:g}"
+        )
+        found.append(Trouble(("sequence", "rate_hz"), text))
+    return found
+
+
+def _busy_s(variant: PlannedVariant) -> float:
+    """Returns how long a sensor takes over one image, s: all its dwells, or its integration."""
+    needs = variant.needs
+    if needs.times_s is None:
+        return needs.integration_time_s or 0.0
+    times = np.unique(np.asarray(needs.times_s, dtype=np.float64))
+    return float(np.ptp(times) + (np.diff(times).min() if len(times) > 1 else 0.0))
 
 
 def _models(scene: Scene) -> tuple[str, ...]:

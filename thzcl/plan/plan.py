@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from thzcl.graph import Spec, everything, rewrite
-from thzcl.paths.specs import TraceSpec, joined
+from thzcl.paths.specs import EmissionSpec, TraceSpec, joined
 from thzcl.plan.variant import PlannedVariant, plan_variant
 from thzcl.scenario.document import Scenario
 from thzcl.sensing.image import ImageSpec
@@ -49,6 +50,28 @@ class Plan:
         images = (spec for variant in self.variants for spec in (variant.image, *variant.compared))
         return rewrite(images, lambda spec: _realization(spec, number))
 
+    @property
+    def frames(self) -> int:
+        """Returns the number of frames of a sequence, or 0 where the scene is none."""
+        sequence = self.variants[0].scene.sequence
+        return 0 if sequence is None else sequence.count
+
+    def frame(self, number: int) -> tuple[Spec, ...]:
+        """Returns the specs that a sequence evaluates for one frame.
+
+        For frame 0 they are all that is wanted of each variant, for others the images and what is
+        compared with them, in air that the wind has moved, and with other noise.
+        """
+        if number == 0:
+            return self.batch()
+        return tuple(
+            spec
+            for variant in self.variants
+            for spec in rewrite(
+                (variant.image, *variant.compared), partial(_frame, variant, number)
+            )
+        )
+
     def alone(self) -> Plan:
         """Returns the plan without the models to compare with."""
 
@@ -74,6 +97,17 @@ def _realization(spec: Spec, number: int) -> Spec:
     if isinstance(spec, ImageSpec):
         return replace(spec, noise=replace(spec.noise, realization=number))
     return spec
+
+
+def _frame(variant: PlannedVariant, number: int, spec: Spec) -> Spec:
+    """Returns a spec of a variant as it is in a frame of a sequence."""
+    sequence, flow = variant.scene.sequence, variant.scene.atmosphere.fluctuations
+    if isinstance(spec, ImageSpec):
+        return replace(spec, noise=replace(spec.noise, frame=number))
+    if not isinstance(spec, TraceSpec | EmissionSpec) or sequence is None or flow is None:
+        return spec
+    x, y, z = (-speed * number / sequence.rate_hz for speed in flow.wind_m_s)
+    return replace(spec, motion=replace(spec.motion, moved_m=(x, y, z)))
 
 
 def make_plan(scenario: Scenario) -> Plan:

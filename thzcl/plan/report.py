@@ -252,7 +252,11 @@ def _idle_wind(plan: Plan) -> list[str]:
     """Returns a note on wind that moves nothing, since all pixels are taken at once."""
     flows = [variant.scene.atmosphere.fluctuations for variant in plan.variants]
     blows = any(flow is not None and any(flow.wind_m_s) for flow in flows)
-    if not blows or any(variant.needs.times_s is not None for variant in plan.variants):
+    if (
+        not blows
+        or plan.frames
+        or any(variant.needs.times_s is not None for variant in plan.variants)
+    ):
         return []
     how = 'a sensor that takes its pixels at times of their own, as kind = "raster-scan" does'
     return [f"wind_m_s moves nothing here; it is for {how}"]

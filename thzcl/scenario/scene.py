@@ -289,6 +289,27 @@ class Output(Table):
         return [Trouble(("limits",), text)]
 
 
+class SequenceTable(Table):
+    """Frames of moving air: the cube is frozen, and the wind carries it along."""
+
+    exactly_one = (("duration_s", "frames"),)
+
+    rate_hz: Positive = key(help="frames a second", unit="Hz")
+    duration_s: Positive | None = key(None, help="time that the frames span", unit="s")
+    frames: int | None = key(None, ge=1, le=100_000, help="number of frames")
+
+    @property
+    def count(self) -> int:
+        """Returns the number of frames."""
+        return self.frames or int((self.duration_s or 0.0) * self.rate_hz + 1e-9)
+
+    def troubles(self) -> list[Trouble]:  # noqa: D102 (Table's)
+        if 1 <= self.count <= 100_000:
+            return []
+        text = f"makes {self.count} frames at {self.rate_hz:g} Hz; 1 to 100000 can be made"
+        return [self.trouble("duration_s", text)]
+
+
 class StudyTable(Table):
     """What `thzcl study` varies; other commands take no notice of it."""
 
@@ -332,6 +353,9 @@ class Scene(Table):
     numerics: Numerics = key(Numerics(), help="how the numbers are computed")
     output: Output = key(Output(), help="what the result file holds beyond the images")
     study: StudyTable | None = key(None, help="what `thzcl study` varies")
+    sequence: SequenceTable | None = key(
+        None, help="frames of moving air in place of one image; leave the table out for one"
+    )
 
     def troubles(self) -> list[Trouble]:  # noqa: D102 (Table's)
         found = []

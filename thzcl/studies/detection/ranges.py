@@ -318,7 +318,7 @@ def _computed(
             if progress is not None:
                 done = f"{len(found)} of {len(asked.range_m)} ranges"
                 progress(f"{done}; at {some[0]:g} to {some[-1]:g} m")
-            for range_m, samples in _together(asked, some, opened):
+            for range_m, samples in computed_together(asked, some, opened):
                 found[range_m] = samples
                 if kept is not None:
                     _write(_file(kept, asked, range_m), samples)
@@ -346,7 +346,7 @@ def _read(path: Path) -> list[Samples] | None:
     return [Samples(**(one | {name: np.array(one[name]) for name in arrays})) for one in found]
 
 
-def _together(
+def computed_together(
     asked: Question, some: list[float], device: Device
 ) -> Iterator[tuple[float, list[Samples]]]:
     """Yields some ranges with the samples of each, for which the airs' cubes are shared."""

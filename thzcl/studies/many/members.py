@@ -150,6 +150,8 @@ class Study:
             if any(v.scene.numerics.realizations > 1 for v in scenario.variants):
                 text = "realizations is refused in a study: give seeds, each of which is one"
                 raise ScenarioError([f"{document.label}: [numerics] {text}"])
+            if any(v.scene.sequence is not None for v in scenario.variants):
+                raise ScenarioError([f"{document.label}: [sequence] is refused in a study"])
             plan = make_plan(scenario)
             checks.together(document, plan)
         except ScenarioError as error:
