@@ -65,6 +65,7 @@ class Columns:
 _TIMES = (
     *("timestamp", "datetime", "time", "tmstamp", "tstamp", "times", "timestampend", "dateandtime"),
     *("timestampstart", "timestamputc", "timeutc", "utctime", "datetimeutc", "epoch", "epochtime"),
+    *("timestampmiddle", "timestampmid"),
     *("unixtime", "posixtime", "localtime", "datumzeit", "datumuhrzeit", "zeit", "timestampms"),
     *(
         "datenum",

@@ -41,6 +41,9 @@ CLEARLY = 0.1  # departure from -5/3 of the lower part of a spectrum that steepe
 STARTS = (1.0, 2.0, 4.0)  # of its lower end, where a part that is too steep is looked at again
 SUREST = 0.06  # uncertainty of a slope below which a part of a spectrum is told from the rest
 VAGUEST = 0.25  # uncertainty of a slope; beyond, it says nothing
+# That where the range ends in a roll-off: the outer scale bends a slow probe's spectrum from -2 to
+# -11/3 as a sensor bends turbulence's, and only the slope below tells them apart.
+VAGUEST_ROLLED = 0.1
 ABOVE_BEND = 2.0  # inverse outer scales, at which von Karman's density is 17 % below the line
 WIDE = 20.0  # ratio of a fit's limits that is kept, if need be from below the bend
 SHALLOWEST = -1.2  # slope of what a sensor rolls off
@@ -428,7 +431,7 @@ def _not_inertial(fit: Fit) -> str:
         steep = fit.mean_slope < KOLMOGOROV_SLOPE
         cause = "a slow sensor, or a tube before it?" if steep else "noise, or no turbulence?"
         return f"{told}, where an inertial range has -1.667: {cause}"
-    if fit.uncertainty > VAGUEST:
+    if fit.uncertainty > (VAGUEST_ROLLED if fit.roll else VAGUEST):
         slow = ", of a slow sensor perhaps" if fit.roll else ""
         return f"{told}, too uncertain to tell an inertial range{slow}"
     return ""

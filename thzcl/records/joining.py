@@ -163,11 +163,13 @@ def _on_clock(bare: Joined, time: Array, rate_hz: float | None) -> Joined:
     """Returns rows on even steps of time. Raises RecordError if there is not one rate."""
     steps = np.diff(time)
     place = _Places(bare)
+    typical = float(np.median(steps)) if len(steps) else 0.0
+    if typical:
+        counted = bare.parts[0].time_told.startswith("number")
+        _check_rate(1 / typical, place(0), rate_hz, counted)
     if len(steps) < SHORTEST - 1:
         text = f"ends after {len(steps) + 1} samples; the spectrum needs at least {SHORTEST}"
         raise RecordError(f"{place(len(steps))}: {text}")
-    typical = float(np.median(steps))
-    _check_rate(1 / typical, place(0), rate_hz)
     _check_one_rate(steps, typical, place)
     counts = np.rint(steps / typical)
     step = float(steps.sum() / max(counts.sum(), 1))  # stamps may be rounded
@@ -207,19 +209,25 @@ class _Places:
         return ""
 
 
-def _check_rate(rate: float, place: str, rate_hz: float | None) -> None:
-    """Raises RecordError if a rate is not that of a fast hygrometer, with the likely cause."""
+def _check_rate(rate: float, place: str, rate_hz: float | None, counted: bool) -> None:
+    """Raises RecordError if a rate is not that of a fast hygrometer, with the likely cause.
+
+    Only stamps that are `counted`, and no dates, may be in another unit.
+    """
     if rate * 1.001 >= SLOWEST_HZ and rate <= FASTEST_HZ * 1.001:
         return
     guesses = (("ms", 1e3), ("days", 1 / 86400), ("us", 1e6), ("hours", 1 / 3600))
     likely = [name for name, scale in guesses if SLOWEST_HZ <= rate * scale <= FASTEST_HZ]
-    told = f"is its time in {likely[0]}?" if likely else "is the unit of its time right?"
+    told = []
     if rate_hz is not None:
-        told = "is --rate-hz right?"
-    elif rate < SLOWEST_HZ:
-        told += " Means over minutes hold no turbulence; the fast data are needed"
+        told = ["is --rate-hz right?"]
+    elif counted:
+        told = [f"is its time in {likely[0]}?" if likely else "is the unit of its time right?"]
+    if rate < SLOWEST_HZ and rate_hz is None:
+        told.append("Means over minutes hold no turbulence; the fast data are needed")
     raise RecordError(
-        f"{place}: {rate:.6g} samples a second; expected {SLOWEST_HZ:g} to {FASTEST_HZ:g}: {told}"
+        f"{place}: {rate:.6g} samples a second; expected {SLOWEST_HZ:g} to {FASTEST_HZ:g}: "
+        f"{'. '.join(told) or 'are its stamps right?'}"
     )
 
 
