@@ -34,9 +34,8 @@ def surface_layer(scale_k, scale_g_m3, obukhov_m):
 
 def save(path, kelvin, grams, heights=HEIGHTS):
     lines = ["height_m,temperature_k,absolute_humidity_g_m3"]
-    lines += [
-        f"{z!r},{t!r},{q!r}" for z, t, q in zip(*map(np.ndarray.tolist, (heights, kelvin, grams)))
-    ]
+    rows = np.transpose([heights, kelvin, grams]).tolist()
+    lines += [",".join(map(repr, row)) for row in rows]
     path.write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 

@@ -7,6 +7,7 @@ surface layer (Monin and Obukhov 1954); where a row stands at 0 m or below, in h
 from __future__ import annotations
 
 import csv
+import math
 from pathlib import Path
 
 import numpy as np
@@ -75,10 +76,9 @@ class Departures:
     @property
     def spans(self) -> tuple[tuple[float, float], tuple[float, float]]:
         """Returns the ranges of both, which include 0."""
-        found = []
-        for row in (self.delta.array, self.offset_k.array):
-            found.append((min(float(row.min()), 0.0), max(float(row.max()), 0.0)))
-        return found[0], found[1]
+        delta, offset = self.delta.array, self.offset_k.array
+        moist = min(float(delta.min()), 0.0), max(float(delta.max()), 0.0)
+        return moist, (min(float(offset.min()), 0.0), max(float(offset.max()), 0.0))
 
     def at(self, height_m: Array) -> tuple[Array, Array]:
         """Returns both departures at heights (...) in m."""
@@ -96,7 +96,7 @@ class Departures:
         """
         z = self.height_m.array
         above = z[:-1] > 0
-        ratio = np.divide(z[1:], z[:-1], out=np.full(len(z) - 1, np.e), where=above)
+        ratio = np.divide(z[1:], z[:-1], out=np.full(len(z) - 1, math.e), where=above)
         step = np.where(above, np.log(ratio), np.diff(z))
         inverse = np.append(1 / step, 0.0)
         return np.array([z, inverse, self.delta.array, self.offset_k.array])
@@ -110,7 +110,7 @@ def between(rows_m: Array, height_m: Array, values: Array) -> Array:
     positive = below > 0
     one = np.where(positive, below, 1.0)
     logarithmic = np.log(np.where(positive, level, 1.0) / one) / np.log(
-        np.where(positive, above, np.e) / one
+        np.where(positive, above, math.e) / one
     )
     part = np.where(positive, logarithmic, (level - below) / (above - below))
     return np.asarray(values[low] + part * (values[low + 1] - values[low]))

@@ -325,8 +325,9 @@ class _Planner:
 
         Raises ScenarioError for a profile that does not reach all rays.
         """
-        given, absorbs = self.scene.atmosphere.profile, self.air.absorption
-        if given is None or not absorbs(self.spectrum.nodes_hz.array).any():
+        given, nodes = self.scene.atmosphere.profile, self.spectrum.nodes_hz.array
+        absorbs = any(one.planes for one in self.rivals) or self.air.absorption(nodes).any()
+        if given is None or not absorbs:
             return None
         with files_refused(self.scenario):
             path = self.scenario.locate(given.file)
@@ -348,7 +349,7 @@ class _Planner:
             return profile.departures(self.air.temperature_k, grams)
 
     def _crossed(self, cube: AnyField | None) -> AnyField | None:
-        """Returns the voxels that rays cross: the cube's, or those of air that changes by height."""
+        """Returns the voxels that rays cross, in which the mean air may change by height."""
         by_height = self._layers()
         if by_height is None:
             return cube

@@ -127,16 +127,23 @@ class Fluctuations(Table):
             found.append(self.trouble("spectrum", text))
         if self.spectrum != "file" and self.voxel_m is None:
             found.append(Trouble((), "needs voxel_m, the edge of a voxel in m"))
-        if self.large_scales and (self.temperature_sigma_k or self.structure_constant_t):
-            text = "is for air of one temperature; remove it, or let temperature not fluctuate"
-            found.append(self.trouble("large_scales", text))
-        if self.large_scales and self.distribution == "lognormal":
-            found.append(self.trouble("large_scales", NO_LOGNORMAL))
         for name, least in (("temperature_sigma_k", 1e-9), ("structure_constant_t", 1e-18)):
             size = getattr(self, name)
             if size and size < least:  # the fit in temperature would lose all its digits
                 found.append(self.trouble(name, f"must be 0 or at least {least:g}, not {size:g}"))
-        return found + self._strength_troubles()
+        return found + self._strength_troubles() + self._troubles_of_large_scales()
+
+    def _troubles_of_large_scales(self) -> list[Trouble]:
+        """Returns that eddies larger than the cube have no closed form in the air asked for."""
+        if not self.large_scales:
+            return []
+        found = []
+        if self.temperature_sigma_k or self.structure_constant_t:
+            text = "is for air of one temperature; remove it, or let temperature not fluctuate"
+            found.append(self.trouble("large_scales", text))
+        if self.distribution == "lognormal":
+            found.append(self.trouble("large_scales", NO_LOGNORMAL))
+        return found
 
     def _strength_troubles(self) -> list[Trouble]:
         """Returns what is wrong with the keys that say how much humidity fluctuates.

@@ -311,11 +311,12 @@ def _of_profile(
         return data, []
     file, place = profile.get("file"), camera.get("position_m")
     dry = not {"relative_humidity_percent", "absolute_humidity_g_m3"} & air.keys()
-    known = isinstance(place, tuple) and len(place) == 3 and isinstance(place[2], int | float)
-    if not isinstance(file, str) or not known or not (dry or "temperature_k" not in air):
+    lacks = dry or "temperature_k" not in air
+    height_m = place[2] if isinstance(place, tuple) and len(place) == 3 else None
+    if not isinstance(file, str) or not isinstance(height_m, int | float) or not lacks:
         return data, []
     try:
-        kelvin, grams = layers.read(locate(file)).at(float(place[2]))
+        kelvin, grams = layers.read(locate(file)).at(float(height_m))
     except FileError as error:
         return data, [Trouble(("atmosphere", "profile", "file"), str(error))]
     mean: dict[str, Any] = {} if "temperature_k" in air else {"temperature_k": kelvin}

@@ -201,11 +201,9 @@ class LargeScalesSpec(Spec):
         notes = cube.notes
         if span[0] < -1:
             dry = float(np.mean(cube.delta.host() < -1 - low))
-            notes = (
-                *notes,
-                f"with large_scales up to {100 * dry:.2g} % of the voxels would hold less than no "
-                "vapour where the air is driest; lower sigma_percent or structure_constant_q",
-            )
+            part = f"with large_scales up to {100 * dry:.2g} % of the voxels hold less than no"
+            remedy = "lower sigma_percent or structure_constant_q"
+            notes = *notes, f"{part} vapour where the air is driest; {remedy}"
         return replace(cube, waves=waves, humidity_span=span, notes=notes)
 
 
@@ -281,9 +279,8 @@ class ProfiledSpec(Spec):
     def run(self, device: Device, cube: Field) -> Field:
         """Returns the cube with the profile, and its spans widened by that."""
         del device
-        spans = _widened(cube.humidity_span, cube.temperature_span, self.layers)
-        widened = {"humidity_span": spans[0], "temperature_span": spans[1]}
-        return replace(cube, layers=self.layers, **widened)
+        moist, warm = _widened(cube.humidity_span, cube.temperature_span, self.layers)
+        return replace(cube, layers=self.layers, humidity_span=moist, temperature_span=warm)
 
     def describe(self) -> dict[str, Work | LeftOut]:
         """Returns that the mean air changes by height."""
