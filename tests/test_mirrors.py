@@ -25,7 +25,7 @@ STILL = {**MOIST, "fluctuations": CALM}
 
 
 @dataclass(frozen=True)
-class Glass:
+class Glass(mirrors.Mirror):
     """Unpolarised light on a dielectric of real refractive index: Fresnel's equations."""
 
     index: float = 2.0
@@ -76,14 +76,13 @@ def angular(monkeypatch):
     """Every scene's surfaces are of glass, under the sky."""
     emission, reflection = radiance.emission, radiance.reflection
 
-    def emitting(scene, surfaces, above=None):
-        del above
+    def emitting(scene, surfaces, *_others):
         return replace(emission(scene, glassy(surfaces, Opening())), surroundings=Sky())
 
     monkeypatch.setattr(radiance, "emission", emitting)
 
-    def reflecting(surfaces, trips):
-        return reflection(glassy(surfaces, Constant(0.0)), trips)
+    def reflecting(surfaces, trips, **options):
+        return reflection(glassy(surfaces, Constant(0.0)), trips, **options)
 
     monkeypatch.setattr(radiance, "reflection", reflecting)
 
@@ -223,7 +222,7 @@ def test_the_budget_sees_a_look_up_that_is_too_coarse(tmp_path, monkeypatch):
 def test_look_ups_are_as_fine_as_the_law_needs(index):
     hz, cosine = np.array([650e9]), np.linspace(0, 1, 100_001)
     nodes = mirrors.by_cosine((Glass(index),), hz)
-    found = np.interp(cosine, np.linspace(0, 1, nodes.shape[2]), nodes[0, 0])
+    found = np.interp(np.sqrt(cosine), np.linspace(0, 1, nodes.shape[3]), nodes[0, 0, 0])
     assert np.abs(found - Glass(index).reflectivity(hz, cosine)).max() < 2e-6
 
 

@@ -180,6 +180,23 @@ def read_table(path: Path) -> NDArray[np.float64]:
     return np.array(rows)
 
 
+def read_columns(path: Path) -> dict[str, NDArray[np.float64]]:
+    """Returns the columns of a CSV file of numbers by the names in its first line, (row,) each.
+
+    Raises FileError as read_table does, and for names that are missing or stand there twice.
+    """
+    lines = read_text(path, TABLE).splitlines()
+    first = next((line for line in lines if line.strip() and not line.startswith("#")), "")
+    names = [name.strip() for name in first.split(",")]
+    if not first or _numbers(first) is not None or len({*names}) < len(names):
+        raise FileError(f"{path}: its first line must name the columns, each once; add it")
+    rows = read_table(path)
+    if rows.shape[1] != len(names):
+        text = f"{rows.shape[1]} columns, the first line names {len(names)}"
+        raise FileError(f"{path}: {text}; give every line as many")
+    return dict(zip(names, rows.T, strict=True))
+
+
 def _numbers(line: str) -> list[float] | None:
     """Returns the numbers of a line, or None if it contains anything else."""
     try:

@@ -6,7 +6,7 @@
 // Options: FREQUENCIES; HUMIDITY_POWERS, TEMPERATURE_POWERS and PLANCK_POWERS, numbers of
 // coefficients; COUNTS, how many temperature powers matter with each humidity power; THIN where no
 // voxel is deeper than 1/8; CUTOFF as in trace.cl; MOTION, OUTGOING and CLIPPED as in march.cl;
-// BILLBOARDS, COSINES and what goes with it as in source.cl; VEIL where the part `veil` of the
+// BLENDED, COSINES and what goes with it as in source.cl; VEIL where the part `veil` of the
 // absorption, 1/m, takes light without emitting as the air does.
 
 // The depths of this many voxels are added up plainly, before a compensated sum (Kahan 1965) takes
@@ -50,14 +50,7 @@ __kernel void emission(__global const real *restrict delta, __global const real 
                        int count,
                        __global real *restrict path_length, __global int *restrict surface,
                        __constant real *coefficients, __constant real *planck,
-                       __constant real *veil,
-                       __global const real *restrict emitted, __global const real *restrict blend,
-                       __global const real *restrict cosine,
-                       __global const real *restrict elevation,
-                       __global const real *restrict upward, __global const int *restrict mirror,
-                       __global const int *restrict view,
-                       __global const real *restrict reflectivity,
-                       __global const real *restrict seen, real knee, real dip, real cutoff,
+                       __constant real *veil, SOURCE_PARAMETERS, real cutoff,
                        __global int *restrict segments,
                        __global real *restrict depth_out, __global real *restrict contrast_out)
 {
@@ -167,8 +160,7 @@ __kernel void emission(__global const real *restrict delta, __global const real 
 #ifdef CUTOFF
     march_record_ends(&ray, ended, picked, count, first_ray, path_length, surface);
 #endif
-    const sources from = {emitted, surface, blend,        cosine, elevation, upward,
-                          mirror,  view,    reflectivity, seen,   knee,   dip};
+    const sources from = SOURCES;
     UNROLLED
     for (int f = 0; f < FREQUENCIES; ++f) {
         const reals source = surface_value(&from, first_ray, FREQUENCIES, f);

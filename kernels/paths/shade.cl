@@ -2,7 +2,7 @@
 // is (L_surface - B_air) exp(-tau), exactly, whatever the humidity; nothing larger is ever carried.
 //
 // Options: MOMENTS; BANDS, the number of bands, where only sums over frequency are wanted;
-// BILLBOARDS, COSINES and what goes with it as in source.cl.
+// BLENDED, COSINES and what goes with it as in source.cl.
 
 // Optical depth at one frequency; `c` holds MOMENTS + 1 coefficients per metre. The terms go to two
 // sums in turn, so that each addition waits for half as many.
@@ -21,7 +21,7 @@ static inline reals depth_of(__global const real *c, reals length, const reals *
 // Between textures, and where the angle counts, each ray has its own: the answer is no.
 static inline int all_alike(__global const int *surface, int first_ray)
 {
-#if defined(BILLBOARDS) || defined(COSINES)
+#if defined(BLENDED) || defined(COSINES)
     return 0;
 #else
     int alike = 1;
@@ -37,12 +37,7 @@ static inline int all_alike(__global const int *surface, int first_ray)
 __kernel void shade(__global const real *restrict path_length,
                     __global const real *restrict moments, __global const int *restrict surface,
                     __global const real *restrict coefficients,
-                    __global const real *restrict emitted, __global const real *restrict blend,
-                    __global const real *restrict cosine, __global const real *restrict elevation,
-                    __global const real *restrict upward, __global const int *restrict mirror,
-                    __global const int *restrict view, __global const real *restrict reflectivity,
-                    __global const real *restrict seen, real knee, real dip, int frequencies,
-                    int row,
+                    SOURCE_PARAMETERS, int frequencies, int row,
                     __global real *restrict depth, __global real *restrict contrast)
 {
     const int first_ray = get_global_id(0) * LANES, padded = get_global_size(0) * LANES;
@@ -52,8 +47,7 @@ __kernel void shade(__global const real *restrict path_length,
     for (int k = 0; k < MOMENTS; ++k) m[k] = LOAD(moments + first_ray + (size_t)k * padded);
     const int alike = all_alike(surface, first_ray);
     __global const real *sent = emitted + surface[first_ray] * frequencies;
-    const sources from = {emitted, surface, blend,        cosine, elevation, upward,
-                          mirror,  view,    reflectivity, seen,   knee,   dip};
+    const sources from = SOURCES;
     for (int f = 0; f < frequencies; ++f) {
         const reals tau = depth_of(coefficients + f * (MOMENTS + 1), length, m);
         const reals source =
@@ -67,7 +61,7 @@ __kernel void shade(__global const real *restrict path_length,
 #ifdef BANDS
 // Depth of the mean transmission and contrast of each band, both (band, ray): sums over frequency
 // with weights, of which no spectrum is ever stored. `weights` (band, frequency) sum to 1;
-// `emitted` (band, surface, frequency) and `seen` (band, frequency, ELEVATIONS) have weights of
+// `emitted` (band, row, frequency) and `seen` (band, frequency, ELEVATIONS) have weights of
 // their own multiplied in. Sums are taken relative to the depth at each band's least absorbing
 // frequency, whose coefficients are `thinnest` (band, MOMENTS + 1); `beyond` (band, frequency,
 // MOMENTS + 1) is what the others have more. So both what is left and what is lost keep their
@@ -77,15 +71,8 @@ __kernel void shade_bands(__global const real *restrict path_length,
                           __global const int *restrict surface,
                           __global const real *restrict thinnest,
                           __global const real *restrict beyond,
-                          __global const real *restrict weights,
-                          __global const real *restrict emitted,
-                          __global const real *restrict blend, __global const real *restrict cosine,
-                          __global const real *restrict elevation,
-                          __global const real *restrict upward,
-                          __global const int *restrict mirror, __global const int *restrict view,
-                          __global const real *restrict reflectivity,
-                          __global const real *restrict seen, real knee, real dip,
-                          int frequencies, int surfaces,
+                          __global const real *restrict weights, SOURCE_PARAMETERS,
+                          int frequencies, int rows,
                           __global real *restrict depth, __global real *restrict contrast)
 {
     const int first_ray = get_global_id(0) * LANES, padded = get_global_size(0) * LANES;
@@ -95,10 +82,9 @@ __kernel void shade_bands(__global const real *restrict path_length,
     UNROLLED
     for (int k = 0; k < MOMENTS; ++k) m[k] = LOAD(moments + first_ray + (size_t)k * padded);
     for (int b = 0; b < BANDS; ++b) {
-        __global const real *table = emitted + b * surfaces * frequencies,
-                            *row = table + surface[first_ray] * frequencies;
-        sources from = {table,  surface, blend,        cosine, elevation, upward,
-                        mirror, view,    reflectivity, seen,   knee,   dip};
+        sources from = SOURCES;
+        from.table += b * rows * frequencies;
+        __global const real *row = from.table + surface[first_ray] * frequencies;
 #ifdef COSINES
         from.seen += b * frequencies * SEEN;
 #endif

@@ -1,9 +1,11 @@
-// Where each ray ends: ground, boxes, billboards, or the longest range. A work-item finds the end
-// of one ray, in float64 where the device has it.
+// Where each ray ends: ground, boxes, billboards, meshes, or the longest range. A work-item finds
+// the end of one ray, in float64 where the device has it.
 //
-// Options: GROUND, BOXES and BILLBOARDS where the scene has them; COSINE where the slant of the
-// surface is wanted; ELEVATION where it is wanted where a mirrored ray goes and how surfaces lie;
-// CEILING where rays that meet nothing end at a height; OUTGOING as in camera.cl.
+// Options: GROUND, BOXES, BILLBOARDS and MESHES where the scene has them; BLENDED where rays end
+// between two surfaces; COSINE where the slant of the surface is wanted; ELEVATION where it is
+// wanted where a mirrored ray goes and how surfaces lie; ACROSS where the polarisation is wanted;
+// BOUNCES where mirrored rays are followed; CEILING where rays that meet nothing end at a height;
+// OUTGOING as in camera.cl.
 
 #define BACKGROUND 0
 #define GROUND_PLANE 1
@@ -28,12 +30,12 @@ typedef struct {
 } texture;
 
 // The nearest surface met so far: how far the ray goes, the surface's number, how far towards the
-// next number, the cosine of the angle between ray and normal, and the vertical component of the
-// normal that looks towards the ray's start.
+// next number, the cosine of the angle between ray and normal, the vertical component of the
+// normal that looks towards the ray's start, and its horizontal ones.
 typedef struct {
     wide reach;
     int surface;
-    wide blend, cosine, upward;
+    wide blend, cosine, upward, east, north;
 } hit;
 
 // What rays can meet.
@@ -99,6 +101,9 @@ static void meet_box(__constant box *b, __constant int2 *stripes, int surface, p
     nearest->blend = 0;
     nearest->cosine = fabs(d[axis]) / norm;
     nearest->upward = axis < 2 ? 0 : d[axis] < 0 ? 1 : -1;
+    const wide turned = axis == 2 ? 0 : d[axis] < 0 ? 1 : -1;
+    nearest->east = turned * (axis == 0 ? b->cosine : -b->sine);
+    nearest->north = turned * (axis == 0 ? b->sine : b->cosine);
     const int positive = (d[axis] > 0) == inside;
     const int2 face = stripes[2 * axis + positive];
     if (face.x > 0) {
@@ -147,6 +152,19 @@ static void meet_billboard(__constant billboard *b, __constant texture *t,
     nearest->blend = level - below;
     nearest->cosine = fabs(ahead) / norm;
     nearest->upward = 0;
+    nearest->east = ahead < 0 ? b->cosine : -b->cosine;
+    nearest->north = ahead < 0 ? b->sine : -b->sine;
+}
+
+// Where a ray ends that meets nothing: at `max_range`, or sooner where it rises to the height of
+// `ceiling`.
+static hit nothing_met(point origin, point d, wide norm, wide max_range, wide ceiling)
+{
+    hit nearest = {max_range / norm, 0, 0, 0, 0, 0, 0};
+#ifdef CEILING
+    if (d.z > 0) nearest.reach = min(nearest.reach, max((ceiling - origin.z) / d.z, (wide)0));
+#endif
+    return nearest;
 }
 
 static void meet_all(const things *all, point origin, point direction, wide norm, hit *nearest)
@@ -158,6 +176,7 @@ static void meet_all(const things *all, point origin, point direction, wide norm
         nearest->surface = GROUND_PLANE;
         nearest->cosine = -direction.z / norm;
         nearest->upward = 1;
+        nearest->east = nearest->north = 0;
     }
 #endif
 #ifdef BOXES
@@ -172,12 +191,42 @@ static void meet_all(const things *all, point origin, point direction, wide norm
 #endif
 }
 
+// How far beside a surface, over the way to it, a ray begins that leaves it.
+#ifdef WIDE
+#define BESIDE 1e-9
+#else
+#define BESIDE (wide)1e-6
+#endif
+
+// The normal of what was met, towards the ray's start.
+static inline point normal_of(const hit *met)
+{
+    const point n = {met->east, met->north, met->upward};
+    return n;
+}
+
+// The part (e . s)^2 of the power whose field stands across the plane of incidence: e is the
+// polarisation seen, projected across the ray, and s the unit vector across ray and normal. It is
+// half where the ray comes along the normal, or meets nothing.
+static inline wide part_across(point d, wide norm, const hit *met, __constant wide *polarization)
+{
+    const point n = normal_of(met), e = {polarization[0], polarization[1], polarization[2]};
+    const point s = {n.y * d.z - n.z * d.y, n.z * d.x - n.x * d.z, n.x * d.y - n.y * d.x};
+    const wide size = s.x * s.x + s.y * s.y + s.z * s.z, square = norm * norm;
+    const wide along_ray = e.x * d.x + e.y * d.y + e.z * d.z;
+    const wide seen = e.x * e.x + e.y * e.y + e.z * e.z - along_ray * along_ray / square;
+    if (!(size > (wide)1e-12 * square) || !(seen > (wide)1e-12)) return (wide)0.5;
+    const wide across = e.x * s.x + e.y * s.y + e.z * s.z;   // s stands across the ray
+    return min(across * across / (size * seen), (wide)1);
+}
+
 // For each of the `count` rays that are followed, in their order: `reach` in the ray's parameter;
 // `path_length` in metres; `stretch`, metres per unit of the parameter; `surface` and `blend` as in
 // source.cl; `cosine` of the angle between ray and normal; `elevation`, the sine of the angle above
 // the horizon at which the ray goes on if it is mirrored, or as it comes if it meets nothing;
-// `upward`, the vertical component of the normal. A ray that meets nothing ends at `max_range`, or
-// sooner where it rises to the height of `ceiling`.
+// `upward`, the vertical component of the normal; `across`, the part of the power with its electric
+// field along `polarization` in the image that stands across the plane of incidence. Of the mirrored
+// ray, `met` is the surface and `bounce` what source.cl says.
 __kernel void surfaces(__constant frame *camera, int width, int height, wide max_range,
                        wide ceiling, __constant box *boxes, __constant int2 *stripes, int box_count,
                        __constant billboard *billboards, __constant texture *textures,
@@ -186,22 +235,21 @@ __kernel void surfaces(__constant frame *camera, int width, int height, wide max
                        __global wide *restrict reach, __global real *restrict stretch,
                        __global real *restrict path_length, __global int *restrict surface,
                        __global real *restrict blend, __global real *restrict cosine,
-                       __global real *restrict elevation, __global real *restrict upward)
+                       __global real *restrict elevation, __global real *restrict upward,
+                       __constant wide *polarization, __global real *restrict across,
+                       __global int *restrict met, __global real *restrict bounce)
 {
     const int slot = get_global_id(0), ray = RAY(min(slot, count - 1));
     const things all = {boxes, stripes, box_count, billboards, textures, texels, billboard_count};
     const point d = ray_direction(camera, width, height, ray);
     const wide norm = sqrt(d.x * d.x + d.y * d.y + d.z * d.z);
-    hit nearest = {max_range / norm, BACKGROUND, 0, 0, 0};
-#ifdef CEILING
-    if (d.z > 0) nearest.reach = min(nearest.reach, (ceiling - camera->origin.z) / d.z);
-#endif
+    hit nearest = nothing_met(camera->origin, d, norm, max_range, ceiling);
     meet_all(&all, camera->origin, d, norm, &nearest);
     reach[slot] = nearest.reach;
     stretch[slot] = (real)norm;
     path_length[slot] = (real)(nearest.reach * norm);
     surface[slot] = nearest.surface;
-#ifdef BILLBOARDS
+#ifdef BLENDED
     blend[slot] = (real)nearest.blend;
 #endif
 #ifdef COSINE
@@ -210,6 +258,23 @@ __kernel void surfaces(__constant frame *camera, int width, int height, wide max
 #ifdef ELEVATION
     elevation[slot] = (real)(d.z / norm + 2 * nearest.cosine * nearest.upward);
     upward[slot] = (real)nearest.upward;
+#endif
+#ifdef ACROSS
+    across[slot] = (real)part_across(d, norm, &nearest, polarization);
+#endif
+#ifdef BOUNCES
+    const point off = along(along(camera->origin, nearest.reach, d), BESIDE * nearest.reach * norm,
+                            normal_of(&nearest));
+    const point on = along(d, 2 * nearest.cosine * norm, normal_of(&nearest));
+    hit next = nothing_met(off, on, norm, max_range, ceiling);
+    if (nearest.surface != BACKGROUND) meet_all(&all, off, on, norm, &next);
+    met[slot] = next.surface;
+    __global real *there = bounce + 5 * slot;
+    there[0] = (real)next.blend;
+    there[1] = (real)next.cosine;
+    there[2] = (real)(on.z / norm + 2 * next.cosine * next.upward);
+    there[3] = (real)next.upward;
+    there[4] = (real)(next.reach * norm);
 #endif
 }
 
@@ -237,7 +302,7 @@ __kernel void outgoing(__constant frame *transmitter, int width, int height, __c
     const point d = follow_direction(transmitter, width, height, ray, reach[slot]);
     const wide norm = sqrt(d.x * d.x + d.y * d.y + d.z * d.z);
     // The point itself lies at 1: what is met just before it is the surface that it lies on.
-    hit nearest = {1 - (wide)SAME_SURFACE, BACKGROUND, 0, 0, 0};
+    hit nearest = {1 - (wide)SAME_SURFACE, BACKGROUND, 0, 0, 0, 0, 0};
     meet_all(&all, transmitter->origin, d, norm, &nearest);
     int lit = surface[slot] != BACKGROUND && nearest.surface == BACKGROUND;
 #ifdef BILLBOARDS

@@ -1,4 +1,4 @@
-"""Permittivity of what falls: liquid water, ice, and ice in air, by published formulas in float64.
+"""Permittivity of water, ice and other substances, by published formulas in float64.
 
 Relative permittivity is eps' + i eps'' with eps'' >= 0, for waves that go as exp(-i w t). Frequency
 is in Hz and temperature in K; the arguments broadcast.
@@ -6,6 +6,7 @@ is in Hz and temperature in K; the arguments broadcast.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -16,6 +17,7 @@ Complex = NDArray[np.complex128]
 
 ICE_G_CM3 = 0.917  # density of solid ice
 FREEZING_K = 273.15
+VACUUM_F_M = 8.8541878128e-12  # electric constant, CODATA 2018
 
 
 def water(frequency_hz: Any, temperature_k: Any) -> Complex:
@@ -88,3 +90,34 @@ def maxwell_garnett(inclusions: Any, share: Any) -> Complex:
 def snow(frequency_hz: Any, temperature_k: Any, density_g_cm3: float) -> Complex:
     """Returns the permittivity of dry snow: ice in air, by Maxwell Garnett."""
     return maxwell_garnett(ice(frequency_hz, temperature_k), density_g_cm3 / ICE_G_CM3)
+
+
+def debye(
+    frequency_hz: Any, eps_inf: float, delta_eps: Sequence[float], tau_ps: Sequence[float]
+) -> Complex:
+    """Returns eps_inf + sum of delta_eps / (1 - i w tau) over some relaxations (Debye 1929).
+
+    `tau_ps` are the relaxation times in ps.
+    """
+    w = 2 * np.pi * np.asarray(frequency_hz, np.float64)
+    terms = [d / (1 - 1j * w * t * 1e-12) for d, t in zip(delta_eps, tau_ps, strict=True)]
+    return np.asarray(eps_inf + sum(terms), np.complex128)
+
+
+def building(frequency_hz: Any, a: float, b: float, c: float, d: float) -> Complex:
+    """Returns eps' = a f^b with a conductivity of c f^d S/m, f in GHz.
+
+    Recommendation ITU-R P.2040-4 (2025), table 3: eps'' = 17.98 c f^d / f.
+    """
+    ghz = np.asarray(frequency_hz, np.float64) / 1e9
+    return np.asarray(a * ghz**b + 17.98j * c * ghz ** (d - 1))
+
+
+def conductor(frequency_hz: Any, conductivity_s_m: float) -> Complex:
+    """Returns 1 + i sigma / (eps_0 w), of a metal far below its collision rate (Drude 1900).
+
+    With it, Fresnel's equations reflect all but 4 sqrt(pi eps_0 f / sigma) at normal incidence
+    (Hagen and Rubens 1903).
+    """
+    w = 2 * np.pi * np.asarray(frequency_hz, np.float64)
+    return np.asarray(1 + 1j * conductivity_s_m / (VACUUM_F_M * w))

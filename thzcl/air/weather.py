@@ -17,7 +17,7 @@ import math
 from dataclasses import replace
 from functools import lru_cache
 from itertools import pairwise
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -92,20 +92,34 @@ def _kinds(air: Air, frequencies: tuple[float, ...]) -> tuple[tuple[Part, Kind],
     return tuple(found)
 
 
+class Ground(Protocol):
+    """The ground: of one temperature in kelvin, it scatters evenly what falls on it.
+
+    With `around_k` it scatters the light of black walls of that temperature instead.
+    """
+
+    @property
+    def temperature_k(self) -> float:
+        """Returns its temperature, K."""
+
+    @property
+    def around_k(self) -> float | None:
+        """Returns the temperature of the walls, K."""
+
+    def reflected(self, frequency_hz: Array) -> Array:
+        """Returns the part of the light that it scatters, (frequency,)."""
+
+
 @frozen
 class Weather:
     """What falls over a ground, under a sky or, without a column, under black at air temperature.
 
-    The ground is black at the air's temperature if `ground_k` is None; else it has that temperature
-    and scatters the part `reflectivity` of what falls on it evenly, or, with `around_k`, of black
-    walls of that temperature.
+    Without a ground it is black at the air's temperature below, too.
     """
 
     air: Air
     column: Column | None = None
-    ground_k: float | None = None
-    reflectivity: float = 0.0
-    around_k: float | None = None
+    ground: Ground | None = None
     directions: int = scattering.DIRECTIONS
     highest_m: float = math.inf  # the layers end there, if they do not before
     thinnest: float = THINNEST
@@ -300,13 +314,14 @@ def _bounds(weather: Weather, hz: Array) -> scattering.Bounds:
     """Returns what lies above and below the layers."""
     air_k, zero = weather.air.temperature_k, np.zeros(len(hz))
     above = zero if weather.column is None else radiometry.planck_difference(hz, SPACE_K, air_k)
-    if weather.ground_k is None:
+    ground = weather.ground
+    if ground is None:
         return scattering.Bounds(above, zero, zero)
-    own = radiometry.planck_difference(hz, weather.ground_k, air_k)
-    mirrored = np.full(len(hz), weather.reflectivity)
-    if weather.around_k is None:
+    own = radiometry.planck_difference(hz, ground.temperature_k, air_k)
+    mirrored = ground.reflected(hz)
+    if ground.around_k is None:
         return scattering.Bounds(above, own, mirrored)
-    lit = radiometry.planck_difference(hz, weather.around_k, air_k)
+    lit = radiometry.planck_difference(hz, ground.around_k, air_k)
     return scattering.Bounds(above, (1 - mirrored) * own + mirrored * lit, zero)
 
 

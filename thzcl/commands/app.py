@@ -28,6 +28,7 @@ COMMANDS = (
     "bench",
     "sensors",
     "constituents",
+    "materials",
     "new-sensor",
     "new-constituent",
     "scenarios",

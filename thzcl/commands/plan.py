@@ -65,7 +65,32 @@ def tables(found: dict[str, Any]) -> list[Table]:
         Table(found["scenario"], columns, stages),
         Table("numerics", numerics.columns, numerics.rows),
         *_skies(found["sky"]),
+        *_materials(found["materials"]),
     ]
+
+
+def _materials(rows: list[dict[str, Any]]) -> list[Table]:
+    """Returns what things are made of, alike materials of variants in one row."""
+    from thzcl.commands.tables import Column, Table
+
+    if not rows:
+        return []
+    lines = {
+        (row["material"], row["of"], row["roughness_mm"], ghz, part, share): None
+        for row in rows
+        for ghz, part, share in zip(
+            row["frequency_ghz"], row["reflectivity"], row["mirrored_share"], strict=True
+        )
+    }
+    columns = (
+        Column("material"),
+        Column("from"),
+        Column("roughness", "mm", "g"),
+        Column("frequency", "GHz", "g"),
+        Column("reflectivity", "", ".4f"),
+        Column("mirrored share", "", ".4f"),
+    )
+    return [Table("materials, at normal incidence", columns, tuple(lines))]
 
 
 def _skies(skies: list[dict[str, Any]]) -> list[Table]:

@@ -8,6 +8,8 @@ from typing import NamedTuple
 
 _COMMENT = re.compile(r"//[^\n]*|/\*.*?\*/", re.DOTALL)
 _KERNEL = re.compile(r"\b(?:__)?kernel\s+void\s+(\w+)\s*\(([^()]*)\)")
+# Parameters that several kernels have in common, as a macro of such a name.
+_SHARED = re.compile(r"#define\s+(\w+_PARAMETERS)\b((?:[^\n]*\\\n)*[^\n]*)")
 _QUALIFIERS = {"__global", "__constant", "__local", "global", "constant", "local"}
 _QUALIFIERS |= {"const", "restrict", "volatile"}
 
@@ -23,6 +25,8 @@ class Parameter(NamedTuple):
 def signatures(source: str) -> dict[str, tuple[Parameter, ...]]:
     """Returns the parameters of every kernel of a source text, in their order."""
     plain = _COMMENT.sub(" ", source)
+    for name, shared in _SHARED.findall(plain):
+        plain = re.sub(rf"(?<!#define )\b{name}\b", shared.replace("\\\n", " "), plain)
     return {
         name: tuple(_parameter(declared) for declared in inside.split(",") if declared.strip())
         for name, inside in _KERNEL.findall(plain)

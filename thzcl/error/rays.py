@@ -21,9 +21,9 @@ from thzcl.sensing.transfer import lambert_gain
 from thzcl.surfaces import camera
 from thzcl.surfaces import ends as ray_ends
 from thzcl.surfaces.camera import Raster
-from thzcl.surfaces.ends import EndsSpec, OutgoingSpec, RayEnds
+from thzcl.surfaces.ends import EndsSpec, Facing, OutgoingSpec, RayEnds
 from thzcl.surfaces.geometry import Geometry
-from thzcl.surfaces.radiance import EndAngles
+from thzcl.surfaces.radiance import Bounce, EndAngles
 from thzcl.turbulence.cube import Field
 from thzcl.turbulence.fields import AnyField
 from thzcl.turbulence.large_scales import Waves
@@ -306,19 +306,29 @@ def _followed(
         length = np.linalg.norm(away, axis=1)
         ways.append(air.way(Lines(start, away / length[:, None], length, place)))
     facing = ends.facing
-    blend, cosine, elevation, upward = (
-        _asked(values, slots)
-        for values in (facing.blend, facing.cosine, facing.elevation, facing.upward)
-    )
-    angles = None
-    if cosine is not None and elevation is not None and upward is not None:
-        angles = EndAngles(cosine, elevation, upward)
+    blend, cosine = (_asked(values, slots) for values in (facing.blend, facing.cosine))
+    angles = _angles(facing, slots)
     blended, gain = np.zeros(len(slots)) if blend is None else blend, np.ones(len(slots))
     if lambert:
         assert cosine is not None  # noqa: S101 (whoever asks for the gain asks for the cosine)
         gain = lambert_gain(cosine, ends.path_length.host()[slots].astype(np.float64))
     sine, start_m = direction[:, 2] / norm, float(here[2])
     return Walked(number, weight, surface, blended, angles, gain, sine, start_m, tuple(ways))
+
+
+def _angles(facing: Facing, slots: Integers) -> EndAngles | None:
+    """Returns the angles at which some rays end, or None if they were not asked for."""
+    cosine, elevation, upward, across = (
+        _asked(values, slots)
+        for values in (facing.cosine, facing.elevation, facing.upward, facing.across)
+    )
+    if cosine is None or elevation is None or upward is None:
+        return None
+    if len(facing.met) == 1:
+        return EndAngles(cosine, elevation, upward, across)
+    blend, *angles, length_m = facing.bounce.host()[slots].T.astype(np.float64)
+    bounce = Bounce(facing.met.host()[slots], blend, length_m, EndAngles(*angles))
+    return EndAngles(cosine, elevation, upward, across, bounce)
 
 
 def _asked(values: Buffer, slots: Integers) -> Array | None:
@@ -353,14 +363,7 @@ class FineWalkSpec(Spec):
         pixel, weight = _near_edges(ends, self.rays, self.seed)
         fine, number = _doubled(self.ends.geometry, pixel)
         precision = self.ends.precision
-        found = ray_ends.find_ends(
-            device,
-            fine,
-            precision,
-            cosine=self.ends.cosine,
-            elevation=self.ends.elevation,
-            picked=number,
-        )
+        found = ray_ends.find_ends(device, fine, precision, self.ends.asked, number)
         out = None
         if self.transmitter_m is not None:
             out = ray_ends.outgoing_ends(device, found, self.transmitter_m, precision)

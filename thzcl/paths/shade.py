@@ -91,7 +91,7 @@ def shade_bands(
         weights=device.put(passing, precision),
         **source.arguments(device, paths.facing, sent, precision, weights),
         frequencies=len(coefficients),
-        surfaces=len(sent.sent),
+        rows=len(sent.rows),
         depth=depth,
         contrast=contrast,
     )

@@ -31,7 +31,7 @@ from thzcl.sensing.exposures import Exposure
 from thzcl.sensing.spectrum import Spectrum
 from thzcl.sensing.transfer import CarriedSpec, LambertSpec, ShadeSpec
 from thzcl.sensing.weather import AnyRays, WeatherSpec
-from thzcl.surfaces.ends import EndsSpec, OutgoingSpec
+from thzcl.surfaces.ends import Asked, EndsSpec, OutgoingSpec
 from thzcl.surfaces.estimate import SampledRays
 from thzcl.surfaces.geometry import Geometry
 from thzcl.surfaces.radiance import SentSpec, Sources
@@ -50,7 +50,8 @@ class Setup:
     `moments` is the degree of the expansion in humidity, if the scene fixes it. `transmitter_m` is
     the place of a transmitter that is not at the camera. `lambert` says whether surfaces scatter
     echoes evenly, `cosine` whether the cosine between ray and surface normal is wanted. `targets`
-    (surface,) holds the flag of the target that each surface belongs to.
+    (surface,) holds the flag of the target that each surface belongs to. `polarization_deg` is the
+    direction of the field that the camera sees, or None if it sees all.
     """
 
     air: Air
@@ -62,6 +63,7 @@ class Setup:
     lambert: bool
     cosine: bool
     targets: Values
+    polarization_deg: float | None = None
     weather: Weather | None = None
     scattered: bool = False
 
@@ -73,7 +75,14 @@ class Setup:
     def ends(self, shape: Geometry) -> EndsSpec:
         """Returns the ends of the camera's rays."""
         angular = self.sources.angular
-        return EndsSpec(shape, self.settled.precision, self.cosine or angular, angular)
+        polarized = angular and self.sources.reflecting.polarized
+        asked = Asked(
+            self.cosine or angular,
+            angular,
+            self.polarization_deg if polarized else None,
+            self.sources.bounces,
+        )
+        return EndsSpec(shape, self.settled.precision, asked)
 
     def out(self, shape: Geometry) -> OutgoingSpec | None:
         """Returns the ways from a transmitter that is not at the camera, or None."""

@@ -167,6 +167,9 @@ def _temperature_troubles(scene: Scene) -> list[Trouble]:
         if target.temperature_k is None and getattr(target, "quantity", "") != "temperature":
             text = "missing; a passive sensor sees the target's emission"
             found.append(Trouble(("targets", name, "temperature_k"), text))
+        if target.cover is not None and target.cover.temperature_k is None:
+            text = "missing; a passive sensor sees the cover's emission"
+            found.append(Trouble(("targets", name, "cover", "temperature_k"), text))
     return found
 
 

@@ -12,7 +12,7 @@ from thzcl.air.mean import NOWHERE
 from thzcl.air.refraction import Refraction, estimate, structure_constant_n
 from thzcl.graph import LeftOut, Work, everything, peak
 from thzcl.paths.specs import TraceSpec
-from thzcl.plan import sky, weather
+from thzcl.plan import materials, sky, weather
 from thzcl.plan.plan import Plan
 from thzcl.plan.variant import PlannedVariant
 from thzcl.surfaces.geometry import FIRST_TARGET, GROUND, KINDS
@@ -136,6 +136,7 @@ def warnings(plan: Plan, errors: Iterable[float]) -> list[str]:
     found += [*_rescaled(plan), *_saved_without(plan)]
     found += [note for variant in plan.variants for note in _of_sky(variant)]
     found += weather.notes([(one.name, *one.falling) for one in plan.variants if one.falling])
+    found += [note for variant in plan.variants for note in _of_materials(variant)]
     following = iter(errors)
     for variant in plan.variants:
         humidity = variant.scene.atmosphere.air.relative_humidity_percent
@@ -173,6 +174,23 @@ def _of_sky(variant: PlannedVariant) -> list[str]:
     sources, nodes = variant.image.sources, variant.image.spectrum.nodes_hz.array
     lacking = sky.lacking(variant.scene, variant.air, sources, variant.sample, nodes)
     return sky.notes(variant.scene, sources, nodes) + lacking
+
+
+def _of_materials(variant: PlannedVariant) -> list[str]:
+    """Returns notes on what things are made of."""
+    nodes = variant.image.spectrum.nodes_hz.array
+    return materials.notes(variant.scene, variant.image.sources, nodes)
+
+
+def made_of(plan: Plan) -> list[dict[str, object]]:
+    """Returns the materials of each variant."""
+    return [
+        {"variant": variant.name, **row}
+        for variant in plan.variants
+        for row in materials.table(
+            variant.scene, variant.image.sources, variant.image.spectrum.nodes_hz.array
+        )
+    ]
 
 
 def skies(plan: Plan) -> list[dict[str, object]]:
@@ -279,6 +297,7 @@ def numerics(variant: PlannedVariant) -> dict[str, object]:
         "precision": variant.settled.precision,
         "moments": _planned(variant).moments,
         "cutoff_depth": round(variant.settled.cutoff, 3),
+        "bounces": int(variant.image.sources.bounces),
         "ray_stride": 1 if path is None else path.stride,
         "frequencies": variant.image.spectrum.nodes_hz.shape[0],
     }
@@ -348,6 +367,7 @@ def as_json(plan: Plan, figure: bool = True) -> dict[str, object]:
         "air": fluctuations(plan.variants[0]),
         "airs": [{"variant": one.name, **fluctuations(one)} for one in plan.variants],
         "sky": skies(plan),
+        "materials": made_of(plan),
         "refraction_left_out": None if left is None else left._asdict(),
         "warnings": warnings(plan, planned_errors(plan)),
     }

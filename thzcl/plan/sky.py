@@ -18,6 +18,7 @@ from thzcl.scenario.document import Scenario
 from thzcl.scenario.scene import Box, Scene
 from thzcl.surfaces.estimate import SampledRays
 from thzcl.surfaces.geometry import BACKGROUND, FIRST_TARGET, GROUND
+from thzcl.surfaces.mirrors import Mirror
 from thzcl.surfaces.radiance import Emission, Sources
 from thzcl.surfaces.sky import RISE_M, Behind, Sky, highest_m, layer_top_m, sky_of
 
@@ -32,8 +33,10 @@ COARSE_M = 100.0  # layers of an estimate
 FREQUENCIES = 8  # that a plan tells, and that are looked at for notes
 
 
-def above(scenario: Scenario, scene: Scene, air: Air) -> Sky | None:
-    """Returns the sky that a scene asks for, or None.
+def above(
+    scenario: Scenario, scene: Scene, air: Air, ground_law: Mirror | None = None
+) -> Sky | None:
+    """Returns the sky that a scene asks for, over ground that reflects by a law, or None.
 
     Raises ScenarioError for a profile that cannot be used, and where the air is not known up there.
     """
@@ -49,7 +52,7 @@ def above(scenario: Scenario, scene: Scene, air: Air) -> Sky | None:
     if layer <= highest_m(scene):
         words = f"a layer of the air ends at {layer:g} m, but the scene reaches {top_m - RISE_M:g}"
         raise ScenarioError([f"{scenario.name}: [sky]: {words} m; bring the scene down"])
-    found = sky_of(scene, air, rows)
+    found = sky_of(scene, air, rows, ground_law)
     try:
         _refuse_beyond(found.column)
     except RangeError as error:
@@ -267,7 +270,7 @@ def _reflectivity(one: Any) -> float:
     """Returns the largest part that a target reflects."""
     if getattr(one, "quantity", "") == "reflectivity":
         return 1.0 if one.range is None else float(max(one.range))
-    return float(one.reflectivity)
+    return 1.0 if one.material is not None else float(one.reflectivity)
 
 
 def _change_k(column: Column, frequency_hz: float, one: Part) -> float:

@@ -22,7 +22,7 @@ from thzcl.error.budget import ErrorSpec, LatticeErrorSpec, SamplingSpec
 from thzcl.error.rays import FineWalkSpec, WalkSpec
 from thzcl.errors import FileError, ScenarioError
 from thzcl.graph import Spec, Values
-from thzcl.plan import numerics, sky, weather
+from thzcl.plan import materials, numerics, sky, weather
 from thzcl.plan.air import STILL, AnyAir, Moving, NonIsothermalAir, Setup, TurbulentAir, UniformAir
 from thzcl.plan.compare import Rival, beside, in_planes, rivals
 from thzcl.plan.cube import Source, cube_source
@@ -43,7 +43,7 @@ from thzcl.surfaces import camera, geometry, radiance
 from thzcl.surfaces import sky as surfaces_sky
 from thzcl.surfaces.camera import Raster
 from thzcl.surfaces.estimate import SampledRays, sampled_rays
-from thzcl.surfaces.geometry import Geometry
+from thzcl.surfaces.geometry import GROUND, Geometry
 from thzcl.turbulence.cube_file import CubeFile
 from thzcl.turbulence.fields import (
     AnyField,
@@ -132,6 +132,7 @@ class _Planner:
             self.air: Air = self.scene.atmosphere.air.located(scenario.locate)
             others = self.scene.atmosphere.compared
             compared = {model: air.located(scenario.locate) for model, air in others.items()}
+        self.mirrored_once = materials.follows(self.scene, self.surfaces)
         with air_refused(scenario, self.scene):
             self.air.refuse_beyond(None, NOWHERE, NOWHERE)
             self.needs = self._asked()
@@ -140,6 +141,7 @@ class _Planner:
             self.air.refuse_beyond(nodes, NOWHERE, NOWHERE)
             self.air = self.air.without_nothing(nodes)
         self._refuse_above_layers()
+        materials.refuse(scenario, self.scene, self.surfaces, self.needs, self.spectrum.nodes_hz)
         self.sources = self._sources(self.air)
         compared = {model: air.without_nothing(nodes) for model, air in compared.items()}
         self.rivals = rivals(compared, self.spectrum)
@@ -202,8 +204,9 @@ class _Planner:
             return None
         if not air_weather.falls(air, spectrum.nodes_hz.array):
             return None
-        above = sky.above(self.scenario, self.scene, air)
-        return surfaces_sky.weather_of(self.scene, air, above)
+        law = self.surfaces[GROUND].mirror
+        above = sky.above(self.scenario, self.scene, air, law)
+        return surfaces_sky.weather_of(self.scene, air, above, law)
 
     def _most_scattered_k(self, air: Air, spectrum: Spectrum, falling: Weather) -> float:
         """Returns about the most that weather adds to any ray, K, in absolute value."""
@@ -254,9 +257,11 @@ class _Planner:
         """
         if self.needs.reflection:
             count = 2 if self.needs.transmitter_m is None else 1
-            return radiance.reflection(self.surfaces, count)
-        above = sky.above(self.scenario, self.scene, air)
-        return radiance.emission(self.scene, self.surfaces, above)
+            lambert = self.needs.gain == "lambert"
+            return radiance.reflection(self.surfaces, count, lambert=lambert)
+        above = sky.above(self.scenario, self.scene, air, self.surfaces[GROUND].mirror)
+        through = air if self.mirrored_once else None
+        return radiance.emission(self.scene, self.surfaces, above, through)
 
     def _cube_source(self, air: Air, spectrum: Spectrum) -> tuple[Source | None, str]:
         """Returns what the cube is made from, or None and why an air's rays cross no cube."""
@@ -371,6 +376,7 @@ class _Planner:
             lambert,
             lambert or self.needs.slant,
             self.targets,
+            self.scene.camera.polarization_deg,
             *self._in(self.air, self.split.parts),
         )
 

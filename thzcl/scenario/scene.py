@@ -6,11 +6,12 @@ Every key says its unit, most in their names.
 from __future__ import annotations
 
 import math
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import BeforeValidator, Field
 
 from thzcl.scenario.atmosphere import Atmosphere
+from thzcl.scenario.materials import Cover, Material, unknown
 from thzcl.scenario.problems import Trouble
 from thzcl.scenario.table import (
     Fraction,
@@ -46,6 +47,14 @@ class Camera(Table):
         le=256,
         help="rays per pixel, on a regular grid within it, whose radiances are averaged",
     )
+    polarization_deg: float | None = key(
+        None,
+        ge=-360,
+        le=360,
+        help="direction of the electric field that is seen, from the image's right towards up; "
+        "unpolarised if absent",
+        unit="deg",
+    )
 
     def troubles(self) -> list[Trouble]:  # noqa: D102 (Table's)
         found = []
@@ -63,10 +72,15 @@ class Camera(Table):
 class Ground(Table):
     """The plane z = 0."""
 
+    at_most_one: ClassVar = (("reflectivity", "material"),)
+
     temperature_k: Kelvin | None = key(
         None, help="temperature, needed wherever emission is seen", unit="K"
     )
     reflectivity: Fraction = key(0.0, help="power reflectivity, 0 to 1")
+    material: str | None = key(
+        None, min_length=1, help="name of a material, in place of a reflectivity"
+    )
 
 
 class Bars(Table):
@@ -90,6 +104,8 @@ def _as_list(value: Any) -> Any:
 class Box(Table):
     """A rectangular box, turned about the vertical."""
 
+    at_most_one: ClassVar = (("reflectivity", "material"),)
+
     kind: Literal["box"] = key(help='"box"')
     center_m: Vector = key(help="centre [x, y, z]", unit="m")
     size_m: tuple[Positive, Positive, Positive] = key(
@@ -102,6 +118,10 @@ class Box(Table):
         None, help="temperature, needed wherever emission is seen", unit="K"
     )
     reflectivity: Fraction = key(0.0, help="power reflectivity, 0 to 1")
+    material: str | None = key(
+        None, min_length=1, help="name of a material, in place of a reflectivity"
+    )
+    cover: Cover | None = key(None, help="a thin layer over it, such as cloth or paint")
     bars: Annotated[
         tuple[Bars, ...], BeforeValidator(_as_list, json_schema_input_type=Bars | tuple[Bars, ...])
     ] = key((), help="stripes on a face; one table, or a list of them")
@@ -124,6 +144,8 @@ class Box(Table):
 
 class Billboard(Table):
     """An upright rectangle with a picture of temperature or reflectivity on it, on both sides."""
+
+    at_most_one: ClassVar = (("reflectivity", "material"),)
 
     kind: Literal["billboard"] = key(help='"billboard"')
     center_m: Vector = key(help="centre [x, y, z]", unit="m")
@@ -149,6 +171,10 @@ class Billboard(Table):
         None, help="temperature, where the image shows reflectivity", unit="K"
     )
     reflectivity: Fraction = key(0.0, help="power reflectivity, where the image shows temperature")
+    material: str | None = key(
+        None, min_length=1, help="name of a material, in place of a reflectivity"
+    )
+    cover: Cover | None = key(None, help="a thin layer over it, such as cloth or paint")
 
     def troubles(self) -> list[Trouble]:  # noqa: D102 (Table's)
         found = []
@@ -156,6 +182,8 @@ class Billboard(Table):
             found.append(Trouble(("temperature_k",), "is given by the image; remove it"))
         if self.quantity == "reflectivity" and self.reflectivity:
             found.append(Trouble(("reflectivity",), "is given by the image; remove it"))
+        if self.quantity == "reflectivity" and self.material is not None:
+            found.append(Trouble(("material",), "reflectivity is given by the image; remove it"))
         if self.range is not None:
             most = 1.0 if self.quantity == "reflectivity" else 1e19
             if not all(0 <= end <= most for end in self.range):
@@ -260,6 +288,11 @@ class Numerics(Table):
         help="seed of the sensor's noise; by default that of the air where the scene names it, "
         "else one is drawn and recorded",
     )
+    bounces: Literal[0, 1] | None = key(
+        None,
+        help="1: what surfaces mirror is followed to the next surface, through mean air; 0: they "
+        "mirror what stands around the scene; by default 1 where a material has things to mirror",
+    )
     error_budget: bool = key(
         True, help="follow some rays again without any shortcut, to measure the errors made"
     )
@@ -346,6 +379,7 @@ class Scene(Table):
     targets: dict[str, Annotated[Box | Billboard, Field(discriminator="kind")]] = key(
         {}, help="targets by name"
     )
+    materials: dict[str, Material] = key({}, help="what things are made of, by name")
     background: Background = key(Background(), help="what lies behind and around")
     sky: Sky | None = key(
         None, help="the air above; leave the table out for a black one of the air's temperature"
@@ -370,6 +404,20 @@ class Scene(Table):
         if self.background.environment == "sky" and self.sky is None:
             text = 'needs a sky; add [sky] profile = "us-standard"'
             found.append(Trouble(("background", "environment"), f'"sky" {text}'))
+        for path, name in self._made_of():
+            wrong = unknown(name, self.materials)
+            found += [] if wrong is None else [Trouble(path, wrong)]
         taken = [name for name in ("background", "ground") if name in self.targets]
         text = "names another part of the scene; choose another name"
         return found + [Trouble(("targets", name), f'"{name}" {text}') for name in taken]
+
+    def _made_of(self) -> list[tuple[tuple[str, ...], str | None]]:
+        """Returns the keys that name a material, each with the name."""
+        found: list[tuple[tuple[str, ...], str | None]] = []
+        if self.ground is not None:
+            found.append((("ground", "material"), self.ground.material))
+        found += [
+            (("targets", name, "material"), target.material)
+            for name, target in self.targets.items()
+        ]
+        return found

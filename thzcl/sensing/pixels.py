@@ -57,7 +57,7 @@ class PlacesSpec(Spec):
 
         length = pixels(ends.path_length)
         flags = self.targets.array[middles(raster, on_raster(raster, ends.surface.host()))]
-        cosine = pixels(ends.facing.cosine) if self.ends.cosine else None
+        cosine = pixels(ends.facing.cosine) if self.ends.asked.cosine else None
         outgoing = length if out is None else pixels(out.path_length)
         return Places(length, outgoing, flags, cosine)
 

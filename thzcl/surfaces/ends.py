@@ -32,8 +32,11 @@ class SurfaceKernels(Kernels):
     ground: bool
     boxes: bool
     billboards: bool
+    blended: bool = False
     cosine: bool = False
     elevation: bool = False
+    across: bool = False
+    bounces: bool = False
     ceiling: bool = False
     outgoing: bool = False
 
@@ -60,13 +63,36 @@ class Facing:
     `blend` is the weight of the surface with the next number, `cosine` that of the angle between
     ray and normal, `elevation` the sine of the angle above the horizon at which a mirrored ray goes
     on, or at which a ray comes that meets nothing, and `upward` the vertical component of the
-    surface's normal on the camera's side.
+    surface's normal on the camera's side. `across` is the part of the power whose field stands
+    across the plane of incidence. `met` is the surface that the mirrored ray meets, or 0, and
+    `bounce` (ray, 5) its blend, cosine, elevation and upward there, and its length in metres.
     """
 
     blend: Buffer
     cosine: Buffer
     elevation: Buffer
     upward: Buffer
+    across: Buffer
+    met: Buffer
+    bounce: Buffer
+
+
+@dataclass(frozen=True)
+class Asked:
+    """What is wanted to be known of how rays meet their surfaces.
+
+    `cosine` is the slant, `elevation` the directions of mirrored rays and of normals.
+    `polarization_deg` is the direction of the field that is seen, or None if it makes no
+    difference; `bounces` says whether mirrored rays are followed to the next surface.
+    """
+
+    cosine: bool = False
+    elevation: bool = False
+    polarization_deg: float | None = None
+    bounces: bool = False
+
+
+PLAIN = Asked()
 
 
 @dataclass(frozen=True)
@@ -120,8 +146,7 @@ class EndsSpec(Spec):
 
     geometry: Geometry
     precision: str
-    cosine: bool = False  # whether the slant of surfaces is wanted
-    elevation: bool = False  # whether the directions of mirrored rays and of normals are wanted
+    asked: Asked = PLAIN
 
     @property
     def camera(self) -> EndsSpec:
@@ -130,13 +155,7 @@ class EndsSpec(Spec):
 
     def run(self, device: Device) -> RayEnds:
         """Returns the ends of the rays on the device."""
-        return find_ends(
-            device,
-            self.geometry,
-            self.precision,
-            cosine=self.cosine,
-            elevation=self.elevation,
-        )
+        return find_ends(device, self.geometry, self.precision, self.asked)
 
     @property
     def stage(self) -> str:  # type: ignore[override]
@@ -158,9 +177,10 @@ class EndsSpec(Spec):
         """Returns the sizes of the arrays of ends, and of the textures."""
         rays, real = self.geometry.raster.rays, np.dtype(self.precision).itemsize
         texels = 4 * self.geometry.things.texels.shape[0]
-        return Memory(
-            (8 * rays, *(real * rays,) * (2 + self.cosine + 2 * self.elevation), 4 * rays, texels)
-        )
+        asked = self.asked
+        reals = 2 + asked.cosine + 2 * asked.elevation + (asked.polarization_deg is not None)
+        bounced = (5 * real * rays, 4 * rays) if asked.bounces else ()
+        return Memory((8 * rays, *(real * rays,) * reals, 4 * rays, *bounced, texels))
 
 
 def _count(number: int, one: str, many: str) -> str:
@@ -210,31 +230,36 @@ def find_ends(
     device: Device,
     shape: Geometry,
     precision: str,
-    *,
-    cosine: bool = False,
-    elevation: bool = False,
+    asked: Asked = PLAIN,
     picked: NDArray[Any] | None = None,
 ) -> RayEnds:
     """Returns the ends of all rays of the camera, or of those picked by number.
 
-    `cosine` and `elevation` say which of these, in `facing`, are computed; `upward` goes with
-    `elevation`.
+    `asked` says what is computed of `facing`; `blend` is if surfaces blend.
     """
     followed = follow(device, shape, picked)
     padded = device.padded(followed.count, precision)
-    angles = {"cosine": cosine, "elevation": elevation}
-    angles["ceiling"] = math.isfinite(shape.things.ceiling_m)
-    program = device.build(SurfaceKernels(**_kinds(shape.things), **angles), precision)
-    textured = "billboards" in shape.things.kinds
+    polarized, blended = asked.polarization_deg is not None, shape.things.blended
+    kernels = SurfaceKernels(
+        **_kinds(shape.things),
+        blended=blended,
+        cosine=asked.cosine,
+        elevation=asked.elevation,
+        across=polarized,
+        bounces=asked.bounces,
+        ceiling=math.isfinite(shape.things.ceiling_m),
+    )
+    program = device.build(kernels, precision)
     reach = device.empty((padded,), device.wide)
     stretch, path_length = (device.empty((padded,), precision) for _ in range(2))
     surface = device.empty((padded,), np.int32)
-    facing = Facing(
-        *(
-            device.empty((padded if wanted else 1,), precision)
-            for wanted in (textured, cosine, elevation, elevation)
-        )
+    wanted = blended, asked.cosine, asked.elevation, asked.elevation, polarized
+    bounced = padded if asked.bounces else 1
+    blend, cosine, elevation, upward, across = (
+        device.empty((padded if one else 1,), precision) for one in wanted
     )
+    met, bounce = device.empty((bounced,), np.int32), device.empty((bounced, 5), precision)
+    facing = Facing(blend, cosine, elevation, upward, across, met, bounce)
     program.run(
         "surfaces",
         padded,
@@ -252,8 +277,19 @@ def find_ends(
         cosine=facing.cosine,
         elevation=facing.elevation,
         upward=facing.upward,
+        polarization=device.put(_field(shape, asked.polarization_deg or 0.0), device.wide),
+        across=facing.across,
+        met=facing.met,
+        bounce=facing.bounce,
     )
     return RayEnds(shape, followed, reach, reach, stretch, path_length, surface, facing)
+
+
+def _field(shape: Geometry, polarization_deg: float) -> Array:
+    """Returns the direction of the field that is seen, (3,), from the image's right towards up."""
+    right, up = (axis / np.linalg.norm(axis) for axis in shape.frame.array[2:])
+    angle = np.deg2rad(polarization_deg)
+    return np.asarray(np.cos(angle) * right + np.sin(angle) * up)
 
 
 def outgoing_ends(

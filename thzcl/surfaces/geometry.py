@@ -20,6 +20,7 @@ from thzcl.graph import Values, frozen
 from thzcl.scenario.scene import Billboard, Box, Scene
 from thzcl.surfaces import texture
 from thzcl.surfaces.camera import Raster, camera_frame
+from thzcl.surfaces.materials import Workshop
 from thzcl.surfaces.mirrors import Constant, Mirror
 from thzcl.surfaces.texture import Texture
 from thzcl.turbulence.lattice import Lattice
@@ -73,6 +74,11 @@ class Things:
         there = self.ground, self.boxes.shape[0] > 0, self.billboards.shape[0] > 0
         return tuple(kind for kind, present in zip(KINDS, there, strict=True) if present)
 
+    @property
+    def blended(self) -> bool:
+        """Returns whether rays can end between two surfaces."""
+        return self.billboards.shape[0] > 0
+
 
 @frozen
 class Geometry:
@@ -96,14 +102,18 @@ def geometry(
     returns the path of a picture's file. `names` are those of all targets that have a flag in the
     result. Raises FileError for a picture that cannot be used.
     """
-    surfaces = [Surface(BACKGROUND, scene.background.temperature_k, Constant(0.0)), _ground(scene)]
+    polarized = scene.camera.polarization_deg is not None
+    air_k = scene.atmosphere.temperature_k
+    workshop = Workshop(scene.materials, locate, polarized, air_k)
+    background = Surface(BACKGROUND, scene.background.temperature_k, Constant(0.0))
+    surfaces = [background, _ground(scene, workshop)]
     numbered = [
         (FIRST_TARGET + names.index(name), target) for name, target in scene.targets.items()
     ]
     boxes = [(flag, target) for flag, target in numbered if isinstance(target, Box)]
     boards = [(flag, target) for flag, target in numbered if isinstance(target, Billboard)]
-    box_rows, stripes = _boxes(boxes, surfaces)
-    board_rows, textures, texels = _billboards(boards, locate, surfaces)
+    box_rows, stripes = _boxes(boxes, workshop, surfaces)
+    board_rows, textures, texels = _billboards(boards, workshop, surfaces)
     surfaces.append(surfaces[0])  # the last level of a texture blends with the surface after it
     things = Things(
         scene.ground is not None,
@@ -117,33 +127,37 @@ def geometry(
     return Geometry(rays, Values.of(camera_frame(scene.camera, rays)), things), surfaces
 
 
-def _ground(scene: Scene) -> Surface:
+def _ground(scene: Scene, workshop: Workshop) -> Surface:
     """Returns the ground's surface; without a ground it has no temperature and reflects nothing."""
     ground = scene.ground
     if ground is None:
         return Surface(GROUND, None, Constant(0.0))
-    return Surface(GROUND, ground.temperature_k, Constant(ground.reflectivity))
+    law = workshop.law(ground.material, ground.reflectivity, None, ground.temperature_k)
+    return Surface(GROUND, ground.temperature_k, law)
 
 
-def _boxes(boxes: list[tuple[int, Box]], surfaces: list[Surface]) -> tuple[Array, Integers]:
+def _boxes(
+    boxes: list[tuple[int, Box]], workshop: Workshop, surfaces: list[Surface]
+) -> tuple[Array, Integers]:
     """Returns the rows of boxes and of their stripes, and appends their surfaces to `surfaces`."""
-    surfaces += [
-        Surface(flag, box.temperature_k, Constant(box.reflectivity), box.center_m[2])
-        for flag, box in boxes
-    ]
+
+    def surface(flag: int, box: Box, kelvin: float | None) -> Surface:
+        law = workshop.law(box.material, box.reflectivity, box.cover, kelvin)
+        return Surface(flag, kelvin, law, box.center_m[2])
+
+    surfaces += [surface(flag, box, box.temperature_k) for flag, box in boxes]
     stripes = np.zeros((len(boxes) * len(FACES), 2), dtype=np.int32)
     rows = []
     for number, (flag, box) in enumerate(boxes):
         rows.append([*box.center_m, *(size / 2 for size in box.size_m), *_turn(box.yaw_deg)])
         for bars in box.bars:
             stripes[number * len(FACES) + FACES.index(bars.face)] = bars.count, len(surfaces)
-            mirror, height_m = Constant(box.reflectivity), box.center_m[2]
-            surfaces.append(Surface(flag, bars.temperature_k, mirror, height_m))
+            surfaces.append(surface(flag, box, bars.temperature_k))
     return np.array(rows).reshape(-1, 8), stripes
 
 
 def _billboards(
-    boards: list[tuple[int, Billboard]], locate: Locate, surfaces: list[Surface]
+    boards: list[tuple[int, Billboard]], workshop: Workshop, surfaces: list[Surface]
 ) -> tuple[Array, Integers, Array]:
     """Returns the rows of billboards and of their textures, and all texels, those of masks too.
 
@@ -151,14 +165,14 @@ def _billboards(
     """
     rows, textures, texels = [], [], [np.zeros(0)]
     for flag, board in boards:
-        picture = texture.read(locate(board.image), board.range, board.quantity)
+        picture = texture.read(workshop.locate(board.image), board.range, board.quantity)
         height, width = picture.values.shape
         first, masked = sum(map(len, texels)), -1
         texels.append(picture.values.ravel())
         if board.mask is not None:
             masked = first + height * width
-            texels.append(texture.read_mask(locate(board.mask), (height, width)).ravel())
-        levels = _levels(flag, board, picture)
+            texels.append(texture.read_mask(workshop.locate(board.mask), (height, width)).ravel())
+        levels = _levels(flag, board, picture, workshop)
         nearest = board.interpolation == "nearest"
         textures.append([first, width, height, nearest, len(surfaces), len(levels), masked])
         surfaces += levels
@@ -172,18 +186,20 @@ def _billboards(
     )
 
 
-def _levels(flag: int, board: Billboard, picture: Texture) -> list[Surface]:
+def _levels(flag: int, board: Billboard, picture: Texture, workshop: Workshop) -> list[Surface]:
     """Returns the surfaces between which a texture blends, from its lowest value to its highest."""
-    z = board.center_m[2]
-    if board.quantity == "reflectivity":  # emission and reflection are linear in it
+    z, cover = board.center_m[2], board.cover
+    if board.quantity == "reflectivity":
+        # Emission and reflection are linear in it, but for light that goes to and fro.
+        ends = picture.low, picture.high
+        values = np.linspace(*ends, LEVELS).tolist() if cover else ends
         return [
-            Surface(flag, board.temperature_k, Constant(end), z)
-            for end in (picture.low, picture.high)
+            Surface(flag, board.temperature_k, workshop.law(None, one, cover, None), z)
+            for one in values
         ]
-    return [
-        Surface(flag, float(t), Constant(board.reflectivity), z)
-        for t in np.linspace(picture.low, picture.high, LEVELS)
-    ]
+    kelvins = np.linspace(picture.low, picture.high, LEVELS).tolist()
+    laws = (workshop.law(board.material, board.reflectivity, cover, t) for t in kelvins)
+    return [Surface(flag, t, law, z) for t, law in zip(kelvins, laws, strict=True)]
 
 
 def _turn(degrees: float) -> tuple[float, float]:

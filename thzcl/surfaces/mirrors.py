@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import ClassVar, Literal, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from thzcl.air import radiometry
+from thzcl.surfaces.fresnel import exchanged, lobe
 
 Array = NDArray[np.float64]
 
@@ -21,33 +23,71 @@ HORIZON = 1e-12  # the sine of an elevation that is as good as none
 # that it faces, weighted with the cosine from its normal (Lambert); or, where there is no surface,
 # what stands behind.
 View = Literal["mirrored", "scattered", "behind"]
+Law = Literal["reflectivity", "polarization", "share", "lobe"]  # methods of a mirror
 
 
-class Mirror(Protocol):
-    """How much of the light that falls on a surface it reflects. It is hashable."""
-
-    @property
-    def angular(self) -> bool:
-        """Returns whether that depends on the angle."""
+class Cover(Protocol):
+    """A thin layer over a surface. It is hashable."""
 
     @property
-    def view(self) -> View:
-        """Returns what is seen in the surface."""
+    def temperature_k(self) -> float | None:
+        """Returns its temperature in kelvin, or None for the air's."""
+
+    def at(self, frequency_hz: Array) -> tuple[Array, Array]:
+        """Returns what part it lets through, and what part it scatters back, (frequency,) each."""
+
+
+class Mirror:
+    """How much of the light that falls on a surface it reflects. Its subclasses are hashable.
+
+    Of what is reflected, a share is `mirrored`, and the rest shows the `view`. Where light is
+    `polarized`, the reflectivity is that for unpolarised light plus (q - 1/2) times the
+    polarisation, with the part q of the power whose electric field stands across the plane of
+    incidence.
+    """
+
+    angular: ClassVar[bool] = False  # whether the reflectivity depends on the angle
+    mirrored: ClassVar[bool] = False  # whether there is a mirrored share
+    view: ClassVar[View] = "scattered"
+    polarized: bool = False
+    slope: float | None = None  # rms, of the facets that send light back where it came from
+    cover: Cover | None = None
 
     def reflectivity(self, frequency_hz: Array, cosine: Array) -> Array:
         """Returns the part of the power that is reflected, of the arguments' common shape.
 
         `cosine` is that of the angle between ray and surface normal.
         """
+        raise NotImplementedError
+
+    def polarization(self, frequency_hz: Array, cosine: Array) -> Array:
+        """Returns R_s - R_p, of the arguments' common shape."""
+        return np.zeros(np.broadcast_shapes(frequency_hz.shape, cosine.shape))
+
+    def share(self, frequency_hz: Array, cosine: Array) -> Array:
+        """Returns the mirrored share of what is reflected, of the arguments' common shape."""
+        return np.zeros(np.broadcast_shapes(frequency_hz.shape, cosine.shape))
+
+    def lobe(self, frequency_hz: Array, cosine: Array) -> Array:
+        """Returns pi times what the mirrored share sends back to a transmitter, per steradian.
+
+        It is of the arguments' common shape, and 0 without a `slope`.
+        """
+        if self.slope is None:
+            return np.zeros(np.broadcast_shapes(frequency_hz.shape, cosine.shape))
+        upright = self.reflectivity(frequency_hz, np.ones(1))
+        passed, back = (
+            (np.ones(1), np.zeros(1)) if self.cover is None else self.cover.at(frequency_hz)
+        )
+        sent = passed**2 * exchanged(upright, back) * lobe(self.slope, cosine)
+        return np.asarray(self.share(frequency_hz, cosine) * sent)
 
 
 @dataclass(frozen=True)
-class Constant:
+class Constant(Mirror):
     """A rough surface that reflects the same part at every angle and frequency."""
 
     value: float
-    angular = False
-    view: ClassVar[View] = "scattered"
 
     def reflectivity(self, frequency_hz: Array, cosine: Array) -> Array:
         """Returns that part in the arguments' common shape."""
@@ -55,10 +95,9 @@ class Constant:
 
 
 @dataclass(frozen=True)
-class Opening:
+class Opening(Mirror):
     """No surface: all that stands behind is seen."""
 
-    angular = False
     view: ClassVar[View] = "behind"
 
     def reflectivity(self, frequency_hz: Array, cosine: Array) -> Array:
@@ -121,15 +160,28 @@ class Enclosure:
 
 
 def by_cosine(
-    mirrors: tuple[Mirror, ...], frequency_hz: Array, tolerance: float = TOLERANCE
+    mirrors: tuple[Mirror, ...],
+    frequency_hz: Array,
+    tolerance: float = TOLERANCE,
+    laws: tuple[Law, ...] = ("reflectivity",),
 ) -> Array:
-    """Returns reflectivities at equal steps of the cosine, 0 to 1, (mirror, frequency, node)."""
+    """Returns laws at equal steps of the cosine's root, (mirror, frequency, law, node).
+
+    The root runs from 0 to 1: most laws change fast near grazing incidence.
+    """
     hz = frequency_hz[:, None]
-    return _look_up(
-        lambda cosine: np.array([mirror.reflectivity(hz, cosine) for mirror in mirrors]),
-        0.0,
-        tolerance,
-    )
+
+    def rows(name: Law, root: Array) -> Array:
+        return np.array([getattr(mirror, name)(hz, root**2) for mirror in mirrors])
+
+    nodes = [_look_up(partial(rows, name), 0.0, tolerance) for name in laws]
+    most = max(one.shape[2] for one in nodes)
+    root = np.linspace(0.0, 1.0, most)
+    fine = [
+        one if one.shape[2] == most else rows(name, root)
+        for name, one in zip(laws, nodes, strict=True)
+    ]
+    return np.stack(fine, axis=2)
 
 
 def by_elevation(

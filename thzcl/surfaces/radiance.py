@@ -1,7 +1,10 @@
 """What surfaces send towards the camera: emission and reflection, or echoes of a transmitter.
 
 A surface sends own + R (seen - own): `own` is what it would send if it reflected nothing, `seen`
-what is seen in it, and R how much it reflects. All three are relative to the mean air.
+what is seen in it, and R how much it reflects. All three are relative to the mean air. Of R a share
+is mirrored. It sees what stands in the mirrored direction: the surroundings, or by one bounce
+another thing of the scene, through mean air. A cover makes two such terms of three (fresnel.py's
+`exchanged` has the formula).
 """
 
 from __future__ import annotations
@@ -15,15 +18,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from thzcl.air import radiometry
+from thzcl.air.mean import Air
 from thzcl.device.opencl import Device
 from thzcl.graph import LeftOut, Spec, Values, Work, frozen
 from thzcl.scenario.scene import Scene
 from thzcl.surfaces import mirrors
+from thzcl.surfaces.fresnel import exchanged
 from thzcl.surfaces.geometry import BACKGROUND, Surface
 from thzcl.surfaces.mirrors import (
     Backdrop,
     Constant,
     Enclosure,
+    Law,
     Mirror,
     Opening,
     Surroundings,
@@ -37,18 +43,33 @@ ELEVATED: tuple[View, ...] = ("behind", "mirrored")  # what is looked up by elev
 SAMPLED = np.array([-1.0, -0.3, -0.03, 0.0, 0.02, 0.05, 0.1, 0.2, 0.4, 0.7, 1.0])
 
 
+class Covers(NamedTuple):
+    """Thin layers over surfaces; those without one have a transmission of 1.
+
+    `parts` (mirror, frequency, 2) are transmission and reflectivity. `exchanged` (surface,
+    frequency) is what surface and cover add for each part of light between them.
+    """
+
+    parts: Array
+    exchanged: Array
+
+
 class Angular(NamedTuple):
     """Look-ups of what depends on the angle, as surfaces/source.cl describes them."""
 
     mirror: NDArray[np.int32]  # (surface,): the row of `reflectivity`
     view: NDArray[np.int32]  # (surface,): where in `seen` its set of nodes begins
-    reflectivity: Array  # (mirror, frequency, node), over the cosine of the angle from 0 to 1
+    laws: tuple[Law, ...]  # what the rows are, the reflectivity first
+    reflectivity: Array  # (mirror, frequency, law, node), by the root of the cosine from 0 to 1
     seen: Array  # (frequency, place): sets by elevation, then sets by the normal
+    mirrored: int | None  # where in `seen` the set for mirrored shares begins, if there are any
     scattered: int  # where in `seen` the sets by the normal begin
     elevations: int  # nodes of a third of a set by elevation
     tilts: int  # nodes of a set by the normal
     knee: float  # the root of the sine of an elevation
     dip: float  # the root of the sine at which the first set ends below the horizon
+    covers: Covers | None
+    dimming: Array | None  # (frequency,): absorption along a bounce, 1/m, if there are bounces
 
 
 class Table(NamedTuple):
@@ -61,26 +82,52 @@ class Table(NamedTuple):
     sent: Array
     angular: Angular | None
 
+    @property
+    def rows(self) -> Array:
+        """Returns `sent`, and below it what goes with covers if there are any, (row, frequency)."""
+        if self.angular is None or self.angular.covers is None:
+            return self.sent
+        return np.vstack([self.sent, self.angular.covers.exchanged])
+
     def some(self, part: slice) -> Table:
         """Returns the table at some of its frequencies."""
         if self.angular is None:
             return Table(self.sent[:, part], None)
-        reflectivity, seen = self.angular.reflectivity[:, part], self.angular.seen[part]
-        return Table(
-            self.sent[:, part], self.angular._replace(reflectivity=reflectivity, seen=seen)
+        covers, dimming = self.angular.covers, self.angular.dimming
+        if covers is not None:
+            covers = Covers(covers.parts[:, part], covers.exchanged[:, part])
+        some = self.angular._replace(
+            reflectivity=self.angular.reflectivity[:, part],
+            seen=self.angular.seen[part],
+            covers=covers,
+            dimming=None if dimming is None else dimming[part],
         )
+        return Table(self.sent[:, part], some)
 
 
 class EndAngles(NamedTuple):
     """The angles at which rays end, (ray,), where they make a difference.
 
     `cosine` is that of the angle between ray and normal, `elevation` the sine of the mirrored
-    ray's, and `upward` the vertical component of the normal.
+    ray's, and `upward` the vertical component of the normal. `polarization` is the part of the
+    power whose field stands across the plane of incidence, or None for half of it. `bounce` is
+    where mirrored rays end, if they are followed.
     """
 
     cosine: Array
     elevation: Array
     upward: Array
+    polarization: Array | None = None
+    bounce: Bounce | None = None
+
+
+class Bounce(NamedTuple):
+    """Where mirrored rays end, (ray,), at a surface that is 0 where they meet nothing."""
+
+    surface: NDArray[np.int32]
+    blend: Array
+    length_m: Array
+    angles: EndAngles
 
 
 @dataclass(frozen=True)
@@ -114,12 +161,34 @@ class Reflecting:
 
     def views(self) -> set[View]:
         """Returns what is seen in any of the surfaces."""
-        return {mirror.view for mirror in self.mirrors}
+        views = {mirror.view for mirror in self.mirrors}
+        return views | {"mirrored"} if self.mirrored else views
 
     @property
     def angular(self) -> bool:
         """Returns whether what some surface reflects depends on the angle."""
         return any(mirror.angular for mirror in self.mirrors)
+
+    @property
+    def mirrored(self) -> bool:
+        """Returns whether a share of what some surface reflects is mirrored."""
+        return any(mirror.mirrored for mirror in self.mirrors)
+
+    @property
+    def polarized(self) -> bool:
+        """Returns whether what some surface reflects depends on the polarisation."""
+        return any(mirror.polarized for mirror in self.mirrors)
+
+    @property
+    def covered(self) -> bool:
+        """Returns whether some surface has a cover."""
+        return any(mirror.cover is not None for mirror in self.mirrors)
+
+    def covers(self, frequency_hz: Array) -> Array:
+        """Returns transmission and reflectivity of the covers, (mirror, frequency, 2)."""
+        none = np.ones(len(frequency_hz)), np.zeros(len(frequency_hz))
+        each = [none if one.cover is None else one.cover.at(frequency_hz) for one in self.mirrors]
+        return np.stack([np.stack(pair, axis=-1) for pair in each])
 
     @property
     def anything(self) -> bool:
@@ -136,10 +205,23 @@ class _Sending(ABC):
     """What emission and echoes have in common."""
 
     reflecting: Reflecting
+    bounces = False  # whether mirrored rays are followed to the next surface
+    lobes = False  # whether mirrored shares send something back to a transmitter
 
     @abstractmethod
     def own(self, frequency_hz: Array) -> Array:
-        """Returns what surfaces would send if they reflected nothing, (surface, frequency)."""
+        """Returns what surfaces would send if they reflected nothing, (surface, frequency).
+
+        Those with a cover are taken without it.
+        """
+
+    def of_covers(self, frequency_hz: Array) -> Array:
+        """Returns what the surfaces' covers would send if they were black, as `own` does."""
+        return np.zeros((self.reflecting.mirror.shape[0], len(frequency_hz)))
+
+    def dimming(self, frequency_hz: Array) -> Array:
+        """Returns the absorption of the air along a bounce, (frequency,) in 1/m."""
+        return np.zeros(len(frequency_hz))
 
     @abstractmethod
     def by_elevation(self, frequency_hz: Array, elevation: Array, view: View) -> Array:
@@ -161,7 +243,8 @@ class _Sending(ABC):
     @property
     def angular(self) -> bool:
         """Returns whether what surfaces send depends on the angle at which rays meet them."""
-        return self.reflecting.angular or (self.reflecting.anything and not self._sees_alike)
+        one = self.reflecting
+        return one.angular or self.bounces or (one.anything and not self._sees_alike)
 
     def table(self, frequency_hz: Array, tolerance: float = mirrors.TOLERANCE) -> Table:
         """Returns what surfaces send at some frequencies.
@@ -172,10 +255,28 @@ class _Sending(ABC):
         if not self.angular:
             reflectivity = reflecting.reflectivity(frequency_hz, np.ones(1))
             seen = self.by_tilt(frequency_hz, np.ones(1), 0.0)[:, 0]
-            return Table(_mixed(own, reflectivity, seen), None)
-        return Table(own, self._angular(frequency_hz, len(own), tolerance))
+            layers = self._layers(frequency_hz)
+            return Table(_mixed(own, reflectivity, seen, seen, layers), None)
+        covers = None
+        if reflecting.covered:
+            own, covers = self._under_covers(frequency_hz, own)
+        return Table(own, self._angular(frequency_hz, tolerance, covers))
 
-    def _angular(self, frequency_hz: Array, surfaces: int, tolerance: float) -> Angular:
+    def _layers(self, frequency_hz: Array) -> _Layers | None:
+        """Returns the covers of all surfaces, (surface, frequency), or None if there are none."""
+        if not self.reflecting.covered:
+            return None
+        parts = self.reflecting.covers(frequency_hz)[self.reflecting.mirror.array]
+        return _Layers(parts[..., 0], parts[..., 1], self.of_covers(frequency_hz))
+
+    def _under_covers(self, frequency_hz: Array, own: Array) -> tuple[Array, Covers]:
+        """Returns what surfaces send under their covers if none reflects, and the rest."""
+        layers = self._layers(frequency_hz)
+        assert layers is not None  # noqa: S101 (it is called where there are covers)
+        parts = self.reflecting.covers(frequency_hz)
+        return layers.through(own), Covers(parts, layers.exchanged(own))
+
+    def _angular(self, frequency_hz: Array, tolerance: float, covers: Covers | None) -> Angular:
         """Returns the look-ups, and where in them what is seen in each surface begins."""
         look_ups, reflecting = self._look_ups(frequency_hz, tolerance), self.reflecting
         sets, tilts = look_ups.sets, look_ups.tilts
@@ -183,23 +284,39 @@ class _Sending(ABC):
         for view, one in sets.items():
             begins[view], scattered = scattered, scattered + one.shape[1]
         mirror = reflecting.mirror.array
-        heights = reflecting.height_of(np.arange(surfaces, dtype=np.int32))
+        heights = reflecting.height_of(np.arange(len(mirror), dtype=np.int32))
         views = [reflecting.mirrors[number].view for number in mirror]
         places = [
             begins.get(view, scattered + height * tilts.shape[2])
             for view, height in zip(views, heights, strict=True)
         ]
+        laws = self._laws()
         return Angular(
             mirror,
             np.array(places, np.int32),
-            mirrors.by_cosine(reflecting.mirrors, frequency_hz, tolerance),
+            laws,
+            mirrors.by_cosine(reflecting.mirrors, frequency_hz, tolerance, laws),
             np.hstack([*sets.values(), *tilts]),
+            begins.get("mirrored") if reflecting.mirrored or self.bounces else None,
             scattered,
             scattered // (3 * max(len(sets), 1)),
             tilts.shape[2],
             look_ups.knee,
             look_ups.dip,
+            covers,
+            self.dimming(frequency_hz) if self.bounces else None,
         )
+
+    def _laws(self) -> tuple[Law, ...]:
+        """Returns the laws of mirrors that surfaces need, the reflectivity first."""
+        reflecting = self.reflecting
+        asked: dict[Law, bool] = {
+            "reflectivity": True,
+            "polarization": reflecting.polarized,
+            "share": reflecting.mirrored,
+            "lobe": self.lobes,
+        }
+        return tuple(name for name, wanted in asked.items() if wanted)
 
     def brightest(self, frequency_hz: Array) -> Array:
         """Returns about the most that surfaces send, in absolute value, (surface, frequency)."""
@@ -243,15 +360,49 @@ class _Sending(ABC):
 
     def _from(self, frequency_hz: Array, surface: NDArray[np.int32], angles: EndAngles) -> Array:
         """Returns what a surface (ray,) sends at the end of each ray, (frequency, ray)."""
-        hz, rays = frequency_hz[:, None], np.arange(len(surface))
+        laws = {name: self._law(name, frequency_hz, surface, angles) for name in self._laws()}
+        reflectivity = laws["reflectivity"]
+        if angles.polarization is not None and "polarization" in laws:
+            reflectivity = reflectivity + (angles.polarization - 0.5) * laws["polarization"]
+        scattered = seen = self._seen(frequency_hz, surface, angles)
+        if "share" in laws:
+            seen = seen + laws["share"] * (self._mirrored(frequency_hz, angles) - seen)
+        layers = self._layers(frequency_hz)
+        if layers is not None:
+            layers = _Layers(*(one[surface].T for one in layers))
+        own = self.own(frequency_hz)[surface].T
+        sent = _mixed(own, reflectivity, seen, scattered, layers)
+        return sent + laws["lobe"] if "lobe" in laws else sent
+
+    def _law(
+        self, name: Law, frequency_hz: Array, surface: NDArray[np.int32], angles: EndAngles
+    ) -> Array:
+        """Returns a law of the mirrors at the ends of rays, (frequency, ray)."""
+        found = np.empty((len(frequency_hz), len(surface)))
         mirror = self.reflecting.mirror.array[surface]
-        laws = [one.reflectivity(hz, angles.cosine) for one in self.reflecting.mirrors]
-        reflectivity = np.array(laws)[mirror, :, rays].T
-        seen = self._seen(frequency_hz, surface, angles)
-        return _mixed(self.own(frequency_hz)[surface].T, reflectivity, seen)
+        for number in np.unique(mirror):
+            some = mirror == number
+            law = getattr(self.reflecting.mirrors[number], name)
+            found[:, some] = law(frequency_hz[:, None], angles.cosine[some])
+        return found
+
+    def _mirrored(self, frequency_hz: Array, angles: EndAngles) -> Array:
+        """Returns what is seen in the mirrored direction, (frequency, ray)."""
+        found = self.by_elevation(frequency_hz, angles.elevation, "mirrored")
+        bounce = angles.bounce
+        if bounce is None:
+            return found
+        met = bounce.surface > 0
+        cosine, elevation, upward = (one[met] for one in bounce.angles[:3])
+        second = EndAngles(cosine, elevation, upward)
+        sent = self.sent(frequency_hz, bounce.surface[met], bounce.blend[met], second)
+        found = found.copy()
+        passed = np.exp(-self.dimming(frequency_hz)[:, None] * bounce.length_m[met])
+        found[:, met] = sent * passed
+        return found
 
     def _seen(self, frequency_hz: Array, surface: NDArray[np.int32], angles: EndAngles) -> Array:
-        """Returns what is seen in the surface (ray,) at the end of each ray, (frequency, ray)."""
+        """Returns what surfaces (ray,) see but for mirrored shares, (frequency, ray)."""
         seen = np.zeros((len(frequency_hz), len(surface)))
         kinds = np.array([mirror.view for mirror in self.reflecting.mirrors])
         kind = kinds[self.reflecting.mirror.array[surface]]
@@ -266,6 +417,31 @@ class _Sending(ABC):
                 upward, back = np.unique(angles.upward[some], return_inverse=True)
                 seen[:, some] = self.by_tilt(frequency_hz, upward, height_m)[:, back]
         return seen
+
+
+class _Layers(NamedTuple):
+    """Covers as they lie on surfaces, in arrays of one shape: fresnel.exchanged has the formulas.
+
+    `own` is what a black cover would send; where there is none, `transmission` is 1.
+    """
+
+    transmission: Array
+    reflectivity: Array
+    own: Array
+
+    def through(self, own: Array) -> Array:
+        """Returns what comes from surface and cover if the surface reflects nothing."""
+        absorbed = self._absorbed()
+        return np.asarray(self.transmission * own + absorbed * self.own)
+
+    def exchanged(self, own: Array) -> Array:
+        """Returns what the light between surface and cover changes of that, for each part of it."""
+        lost = (1 - self.reflectivity) * own
+        return np.asarray(self.transmission * (self._absorbed() * self.own - lost))
+
+    def _absorbed(self) -> Array:
+        """Returns the part of light that covers absorb."""
+        return np.maximum(1 - self.transmission - self.reflectivity, 0.0)
 
 
 class _Seen(NamedTuple):
@@ -292,16 +468,34 @@ def _brightest(sources: _Sending, frequencies: tuple[float, ...]) -> Array:
         if view in reflecting.views()
     }
     seen["scattered"] = np.abs(sources.by_tilt(hz, SAMPLED, 0.0)).max(axis=1)
-    look_up = mirrors.by_cosine(reflecting.mirrors, hz)
+    mirror, own = reflecting.mirror.array, np.abs(sources.own(hz))
+    if reflecting.mirrored or reflecting.covered:
+        around = np.max([*seen.values()], axis=0)
+        if sources.bounces:
+            around = np.maximum(around, own.max(axis=0))
+        lobes = np.array([one.lobe(hz[:, None], np.ones(1))[:, 0] for one in reflecting.mirrors])
+        most = np.maximum(own, np.maximum(np.abs(sources.of_covers(hz)), around))
+        return np.asarray(most * (1 + (lobes[mirror] if sources.lobes else 0.0)))
+    look_up = mirrors.by_cosine(reflecting.mirrors, hz)[:, :, 0]
     of_mirrors = zip(reflecting.mirrors, look_up, strict=True)
     most = np.array([seen[one.view] * rows.max(axis=1) for one, rows in of_mirrors])
-    least, mirror = look_up.min(axis=2), reflecting.mirror.array
-    return np.asarray((1 - least[mirror]) * np.abs(sources.own(hz)) + most[mirror])
+    least = look_up.min(axis=2)
+    return np.asarray((1 - least[mirror]) * own + most[mirror])
 
 
-def _mixed(own: Array, reflectivity: Array, seen: Array) -> Array:
-    """Returns what surfaces send, as the module says."""
-    return np.asarray((1 - reflectivity) * own + reflectivity * seen)
+def _mixed(
+    own: Array, reflectivity: Array, seen: Array, scattered: Array, layers: _Layers | None
+) -> Array:
+    """Returns what surfaces send, as the module says.
+
+    `seen` is what they see, through their covers too, and `scattered` what their covers see.
+    """
+    if layers is None:
+        return np.asarray((1 - reflectivity) * own + reflectivity * seen)
+    between = exchanged(reflectivity, layers.reflectivity)
+    through = layers.transmission**2 * between * seen
+    sent = layers.through(own) + between * layers.exchanged(own)
+    return np.asarray(sent + layers.reflectivity * scattered + through)
 
 
 @dataclass(frozen=True)
@@ -313,6 +507,7 @@ class Emission(_Sending):
     air_k: float
     surroundings: Surroundings  # what is seen in surfaces
     behind: Backdrop | None = None  # what is seen where there is no surface
+    through: Air | None = None  # the mean air along mirrored rays, if these are followed
     unit = "K"
     trips = 1  # how often light passes the same path
     ways = 1  # how often light crosses the air, on one path or on two
@@ -325,6 +520,27 @@ class Emission(_Sending):
         """
         kelvin = self.temperature_k.array[:, None]
         return radiometry.planck_difference(frequency_hz, kelvin, self.air_k)
+
+    def of_covers(self, frequency_hz: Array) -> Array:
+        """Returns a black cover's radiance less the mean air's, (surface, frequency)."""
+        given = [
+            None if one.cover is None else one.cover.temperature_k
+            for one in self.reflecting.mirrors
+        ]
+        kelvin = np.array([self.air_k if one is None else one for one in given])
+        found = radiometry.planck_difference(frequency_hz, kelvin[:, None], self.air_k)
+        return np.asarray(found[self.reflecting.mirror.array])
+
+    @property
+    def bounces(self) -> bool:  # type: ignore[override]
+        """Returns whether mirrored rays are followed to the next surface."""
+        return self.through is not None
+
+    def dimming(self, frequency_hz: Array) -> Array:
+        """Returns the absorption of the mean air, (frequency,) in 1/m."""
+        if self.through is None:
+            return super().dimming(frequency_hz)
+        return np.asarray(self.through.absorption(frequency_hz))
 
     def by_elevation(self, frequency_hz: Array, elevation: Array, view: View) -> Array:
         """Returns what is seen less the mean air's radiance, W m-2 sr-1 Hz-1."""
@@ -374,7 +590,9 @@ class Emission(_Sending):
             return []
         views: list[View] = [] if self.behind is None else ["behind"]
         if self.surroundings.angular:
-            seen = {one.view for one in self.reflecting.mirrors if one != Constant(0.0)}
+            some = [one for one in self.reflecting.mirrors if one != Constant(0.0)]
+            seen = {one.view for one in some}
+            seen |= {"mirrored"} if self.reflecting.mirrored else set()
             views += sorted(seen - {"behind"})
         return views
 
@@ -404,11 +622,13 @@ class Reflection(_Sending):
     """Surfaces that reflect what a transmitter sends out, which is all that is seen in them.
 
     `trips` is 2 if light goes out and back through the same air, and 1 if the way out is another
-    path.
+    path. If the sensor takes surfaces as rough (`lambert`), mirrored shares send back what their
+    slopes do, or nothing.
     """
 
     reflecting: Reflecting
     trips: int
+    lambert: bool = False
     unit = "of the power sent"
     ways = 2  # out and back
     air_emits = False
@@ -419,8 +639,8 @@ class Reflection(_Sending):
 
     def by_elevation(self, frequency_hz: Array, elevation: Array, view: View) -> Array:
         """Returns ones: the power sent, at every frequency and elevation."""
-        del view
-        return np.ones((len(frequency_hz), len(elevation)))
+        none = self.lambert and view == "mirrored"
+        return np.full((len(frequency_hz), len(elevation)), 0.0 if none else 1.0)
 
     def by_tilt(self, frequency_hz: Array, upward: Array, height_m: float) -> Array:
         """Returns ones: the power sent, whatever the normal."""
@@ -431,8 +651,17 @@ class Reflection(_Sending):
         """Returns ones: straight lines are enough for them."""
         del tolerance
         count = len(frequency_hz)
-        sets = {view: np.ones((count, 6)) for view in ELEVATED if view in self.reflecting.views()}
+        sets = {
+            view: self.by_elevation(frequency_hz, np.zeros(6), view)
+            for view in ELEVATED
+            if view in self.reflecting.views()
+        }
         return _Seen(sets, np.ones((1, count, 2)), 0.5, 1.0)
+
+    @property
+    def lobes(self) -> bool:  # type: ignore[override]
+        """Returns whether mirrored shares send something back to a transmitter."""
+        return self.lambert and any(mirror.slope for mirror in self.reflecting.mirrors)
 
     def background(self, frequency_hz: Array) -> Array:
         """Returns ones, (frequency,): the power sent, to which echoes are relative."""
@@ -480,10 +709,13 @@ class SentSpec(Spec):
         return {"sky": Work("", f"seen {seen}")}
 
 
-def emission(scene: Scene, surfaces: list[Surface], above: Sky | None = None) -> Emission:
+def emission(
+    scene: Scene, surfaces: list[Surface], above: Sky | None = None, through: Air | None = None
+) -> Emission:
     """Returns what surfaces send to a passive sensor; without a temperature they have the air's.
 
-    `above` is the sky, or None without one.
+    `above` is the sky, or None without one; `through` is the air along mirrored rays, or None if
+    these are not followed.
     """
     air_k = scene.atmosphere.temperature_k
     given = scene.background
@@ -495,7 +727,7 @@ def emission(scene: Scene, surfaces: list[Surface], above: Sky | None = None) ->
         behind = Behind(above, camera_m, ceiling_m(scene, above.column.air), given.max_range_m)
     heights = isinstance(around, Sky)
     reflecting = Reflecting.of(surfaces, heights=heights)
-    return Emission(Values.of(kelvin), reflecting, air_k, around, behind)
+    return Emission(Values.of(kelvin), reflecting, air_k, around, behind, through)
 
 
 def _around(scene: Scene, above: Sky | None) -> Surroundings:
@@ -506,9 +738,9 @@ def _around(scene: Scene, above: Sky | None) -> Surroundings:
     return Enclosure(enclosure_k(scene))
 
 
-def reflection(surfaces: list[Surface], trips: int) -> Reflection:
-    """Returns what surfaces send to an active sensor."""
-    return Reflection(Reflecting.of(surfaces), trips)
+def reflection(surfaces: list[Surface], trips: int, *, lambert: bool = False) -> Reflection:
+    """Returns what surfaces send to an active sensor, which may take them as rough."""
+    return Reflection(Reflecting.of(surfaces), trips, lambert)
 
 
 def _as_fine(sets: dict[View, Array]) -> dict[View, Array]:

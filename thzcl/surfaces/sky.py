@@ -15,6 +15,8 @@ from thzcl.air.profile import Profile
 from thzcl.air.sky import Column
 from thzcl.air.weather import Weather
 from thzcl.scenario.scene import Box, Scene
+from thzcl.surfaces.materials import mean_reflectivity
+from thzcl.surfaces.mirrors import Mirror
 
 Array = NDArray[np.float64]
 RISE_M = 50.0  # above camera and things a ray that meets nothing leaves the scene's air
@@ -24,12 +26,20 @@ RISE_M = 50.0  # above camera and things a ray that meets nothing leaves the sce
 class Floor:
     """The ground, of one temperature in kelvin, that scatters a part of what it sees.
 
-    It sees the sky, or black walls of `around_k` if that is not None.
+    It sees the sky, or black walls of `around_k` if that is not None. One that is made of a
+    `material` reflects evenly here what it reflects of diffuse light, instead of `reflectivity`.
     """
 
     temperature_k: float
     reflectivity: float
     around_k: float | None = None
+    material: Mirror | None = None
+
+    def reflected(self, frequency_hz: Array) -> Array:
+        """Returns the part of the light that it scatters, (frequency,)."""
+        if self.material is None:
+            return np.full(len(frequency_hz), self.reflectivity)
+        return mean_reflectivity(self.material, frequency_hz)
 
 
 @dataclass(frozen=True)
@@ -51,11 +61,7 @@ class Sky:
     @property
     def weather(self) -> Weather:
         """Returns what falls under this sky."""
-        if self.floor is None:
-            return Weather(self.column.air, self.column)
-        floor = self.floor
-        of_ground = floor.temperature_k, floor.reflectivity, floor.around_k
-        return Weather(self.column.air, self.column, *of_ground)
+        return Weather(self.column.air, self.column, self.floor)
 
     def contrast(self, frequency_hz: Array, elevation: Array, air_k: float) -> Array:
         """Returns what is seen from the scene's own height, (frequency, direction)."""
@@ -99,7 +105,8 @@ def _of_ground(seen: Sky, frequencies: tuple[float, ...]) -> Array:
     if floor is None:
         return np.zeros(len(hz))
     own = radiometry.planck_difference(hz, floor.temperature_k, air_k)
-    if floor.reflectivity == 0:
+    part = floor.reflected(hz)
+    if not part.any():
         return own
     if floor.around_k is not None:
         lit = radiometry.planck_difference(hz, floor.around_k, air_k)
@@ -107,7 +114,7 @@ def _of_ground(seen: Sky, frequencies: tuple[float, ...]) -> Array:
         sine, weight = sky.tilted(np.ones(1), seen.points)
         above = sine > 0
         lit = sky.seen_above(seen.column, hz, sine[above], 0.0)[0] @ weight[0, above]
-    return np.asarray((1 - floor.reflectivity) * own + floor.reflectivity * lit)
+    return np.asarray((1 - part) * own + part * lit)
 
 
 @dataclass(frozen=True)
@@ -147,25 +154,29 @@ class Behind:
         return self.sky.seen(frequency_hz, np.where(elevation >= 0, turned, elevation), end_m)
 
 
-def weather_of(scene: Scene, air: Air, above: Sky | None) -> Weather:
-    """Returns what falls in a scene, under its sky if it has one."""
+def weather_of(
+    scene: Scene, air: Air, above: Sky | None, ground_law: Mirror | None = None
+) -> Weather:
+    """Returns what falls in a scene, under its sky if it has one; its ground as in `sky_of`."""
     if above is not None:
         return above.weather
     ground, environment = scene.ground, scene.background.environment
     if ground is None or ground.temperature_k is None:
         return Weather(air)
     around_k = None if environment in ("air", "sky") else enclosure_k(scene)
-    return Weather(air, None, ground.temperature_k, ground.reflectivity, around_k)
+    law = None if ground.material is None else ground_law
+    return Weather(air, None, Floor(ground.temperature_k, ground.reflectivity, around_k, law))
 
 
-def sky_of(scene: Scene, air: Air, profile: Profile) -> Sky:
-    """Returns the sky over a scene."""
+def sky_of(scene: Scene, air: Air, profile: Profile, ground_law: Mirror | None = None) -> Sky:
+    """Returns the sky over a scene, whose ground reflects by a law if it is made of a material."""
     column = Column(air, profile, max(scene.camera.position_m[2], 0.0), ceiling_m(scene, air))
     ground = scene.ground
     if ground is None or ground.temperature_k is None:
         return Sky(column, None)
     around_k = None if scene.background.environment == "sky" else enclosure_k(scene)
-    return Sky(column, Floor(ground.temperature_k, ground.reflectivity, around_k))
+    law = None if ground.material is None else ground_law
+    return Sky(column, Floor(ground.temperature_k, ground.reflectivity, around_k, law))
 
 
 def enclosure_k(scene: Scene) -> float:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from thzcl.device.kernels import Kernels
-from thzcl.device.opencl import Device
+from thzcl.device.opencl import Buffer, Device
 from thzcl.surfaces.ends import Facing
 from thzcl.surfaces.radiance import Table
 
@@ -20,25 +20,40 @@ Array = NDArray[np.float64]
 class SourceKernels(Kernels):
     """Kernels that read surfaces/source.cl, with its options."""
 
-    billboards: bool = False
+    blended: bool = False
     cosines: int | None = None
+    laws: int | None = None
     elevations: int | None = None
     tilts: int | None = None
     scattered: int | None = None
     seen: int | None = None
+    mirrored: int | None = None
+    share: int | None = None
+    polarized: int | None = None
+    lobe: int | None = None
+    covered: bool = False
+    bounces: bool = False
 
 
 def options(facing: Facing, table: Table) -> dict[str, Any]:
     """Returns the options of kernels that read surfaces/source.cl."""
-    textured, angular = {"billboards": len(facing.blend) > 1}, table.angular
+    blended, angular = {"blended": len(facing.blend) > 1}, table.angular
     if angular is None:
-        return textured
-    return textured | {
-        "cosines": angular.reflectivity.shape[2],
+        return blended
+    law = {name: angular.laws.index(name) for name in angular.laws}
+    return blended | {
+        "cosines": angular.reflectivity.shape[3],
+        "laws": len(law),
         "elevations": angular.elevations,
         "tilts": angular.tilts,
         "scattered": angular.scattered,
         "seen": angular.seen.shape[1],
+        "mirrored": angular.mirrored,
+        "share": law.get("share"),
+        "polarized": law.get("polarization"),
+        "lobe": law.get("lobe"),
+        "covered": angular.covers is not None,
+        "bounces": angular.dimming is not None,
     }
 
 
@@ -51,22 +66,33 @@ def arguments(
     the band as first axis.
     """
     angular, weighted = table.angular, 1.0 if weights is None else weights[:, :, None]
-    sent = table.sent if weights is None else weights[:, None, :] * table.sent
+    rows = table.rows
+    sent = rows if weights is None else weights[:, None, :] * rows
     of_rays = {
         "emitted": device.put(sent, precision),
         "blend": facing.blend,
         "cosine": facing.cosine,
         "elevation": facing.elevation,
         "upward": facing.upward,
+        "across": facing.across,
+        "met": facing.met,
+        "bounce": facing.bounce,
+        "covered": len(table.sent),
     }
     if angular is None:
-        absent = dict.fromkeys(("mirror", "view", "reflectivity", "seen"))
-        return of_rays | absent | {"knee": 0.0, "dip": 0.0}
+        absent = ("mirror", "view", "reflectivity", "seen", "cover", "dimming")
+        return of_rays | dict.fromkeys(absent) | {"knee": 0.0, "dip": 0.0}
+
+    def real(values: Array | None) -> Buffer | None:
+        return None if values is None else device.put(values, precision)
+
     return of_rays | {
         "mirror": device.put(angular.mirror, np.int32),
         "view": device.put(angular.view, np.int32),
-        "reflectivity": device.put(angular.reflectivity, precision),
-        "seen": device.put(weighted * angular.seen, precision),
+        "reflectivity": real(angular.reflectivity),
+        "seen": real(weighted * angular.seen),
         "knee": angular.knee,
         "dip": angular.dip,
+        "cover": real(None if angular.covers is None else angular.covers.parts),
+        "dimming": real(angular.dimming),
     }
