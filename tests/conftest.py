@@ -33,7 +33,8 @@ pytest.approx = _relative
 def pytest_collection_modifyitems(items):
     """Marks as slow what is long, and what runs commands in processes of their own."""
     for item in items:
-        if item.get_closest_marker("long") or COMMANDS & {*item.fixturenames}:
+        kinds = map(item.get_closest_marker, ("long", "browser"))
+        if any(kinds) or COMMANDS & {*item.fixturenames}:
             item.add_marker(pytest.mark.slow)
 
 

@@ -136,9 +136,9 @@ WORLDS = {
 
 if __name__ == "__main__":
     count = int(sys.argv[1]) if sys.argv[1:] else 200
-    for name, world in WORLDS.items():
+    for label, world in WORLDS.items():
         hits, truths, tails = held(world, count)
         told = ", ".join(
             f"{n} {hits[n]} (truth {t:.3f})" for n, t in zip(TRUTHS, truths, strict=True)
         )
-        print(f"{name}: of {count} trials {told}; thresholds {dict(tails)}", flush=True)
+        print(f"{label}: of {count} trials {told}; thresholds {dict(tails)}", flush=True)

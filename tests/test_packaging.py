@@ -11,7 +11,7 @@ import pytest
 from conftest import ROOT
 
 MAPPED = ("kernels", "sensors", "scenarios")  # folders beside the package, installed within it
-INSTALLED = {".py", ".typed", ".csv", ".cl", ".in", ".toml"}
+INSTALLED = {".py", ".typed", ".html", ".csv", ".cl", ".in", ".toml"}
 pytestmark = pytest.mark.slow
 
 

@@ -126,7 +126,7 @@ def test_a_scan_goes_on_from_where_the_wind_has_moved_the_air(tmp_path, device):
         ({"sensor": RADIOMETER, "sequence": {"rate_hz": 501.0, "frames": 2}}, "no time for"),
         (
             {"variants": [{"name": "a"}, {"name": "b", "set": {"sequence.frames": 9}}]},
-            "give it onc",
+            "give it",
         ),
     ],
 )
@@ -147,7 +147,7 @@ def test_one_image_is_not_taken_for_a_sequence_nor_the_reverse(tmp_path, device)
 def test_a_sequence_that_fails_leaves_nothing(tmp_path, device, monkeypatch):
     from thzcl.results.frames import Writer
 
-    def full(self, frame):
+    def full(*_):
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(Writer, "add", full)

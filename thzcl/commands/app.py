@@ -23,6 +23,7 @@ COMMANDS = (
     "fluctuations",
     "study",
     "range",
+    "report",
     "convergence",
     "stress",
     "bench",

@@ -35,6 +35,9 @@ def run(
     variant: Variants = None,
     device: DeviceChoice = None,
     allow_outside: AllowOutside = False,
+    report: Annotated[
+        bool, typer.Option("--report", help="write DIR/<scenario>.html as well, one whole page")
+    ] = False,
     no_figure: Annotated[bool, typer.Option("--no-figure", help="write no picture")] = False,
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="print nothing but errors")] = False,
     how: HowText = TextFormat.text,
@@ -42,6 +45,7 @@ def run(
     """Compute the images of a scenario: DIR/<scenario>.nc and DIR/<scenario>.png."""
     from thzcl import pipeline
     from thzcl.commands.plan import air_lines, sky_lines
+    from thzcl.commands.report import write as write_report
     from thzcl.commands.tables import show, show_json
     from thzcl.commands.terminal import note, progress, wrote
     from thzcl.files import make_folder
@@ -67,6 +71,8 @@ def run(
         else:
             result = pipeline.run(scenario, **asked, progress=tell)
             files = _write(result, file, not no_figure, tell)
+    if report:
+        files.append(write_report(file))
     found = result.summary() | more | {"files": [str(file) for file in files]}
     if how is TextFormat.json:
         show_json(found)

@@ -15,8 +15,10 @@ import numpy as np
 from thzcl.files import Patient
 from thzcl.results.contents import Array, Contents, Cube, readable
 from thzcl.results.spread import signal
+from thzcl.results.summary import of_variant
 from thzcl.sensor import Echoes, Image, Radiances
 
+MOST_LETTERS = 60_000  # of an attribute: HDF5 holds 64 KiB
 PLANE = ("y", "x")
 SPECTRAL = ("frequency", *PLANE)
 VOXELS = ("z_voxel", "y_voxel", "x_voxel")
@@ -69,9 +71,16 @@ def attributes(result: Contents) -> dict[str, Any]:
         "error_budget": json.dumps(result.error_budget),
         "air": json.dumps(result.airs),
         "sky": json.dumps(result.skies),
+        **_summary(result),
         "voxel_segments": np.int64(result.voxel_segments),
         "grid_rotation": json.dumps(_rotation(result.grid_rotations)),
     }
+
+
+def _summary(result: Contents) -> dict[str, str]:
+    """Returns what is told of targets and images, unless an attribute cannot hold it."""
+    text = json.dumps([of_variant(variant, result) for variant in result.variants])
+    return {"summary": text} if len(text) < MOST_LETTERS else {}
 
 
 def _rotation(rotations: tuple[Array, ...]) -> Any:

@@ -25,7 +25,7 @@ def summary(result: Contents) -> dict[str, Any]:
         "warnings": list(result.warnings),
         "error_budget": result.error_budget,
         "voxel_segments": result.voxel_segments,
-        "variants": [_of_variant(variant, result) for variant in result.variants],
+        "variants": [of_variant(variant, result) for variant in result.variants],
         "air": _named(result.airs[0]) if result.airs else None,
         "airs": list(result.airs),
         "sky": list(result.skies),
@@ -37,7 +37,7 @@ def _named(air: dict[str, Any]) -> dict[str, Any]:
     return {name: value for name, value in air.items() if name != "variant"}
 
 
-def _of_variant(variant: VariantResult, result: Contents) -> dict[str, Any]:
+def of_variant(variant: VariantResult, result: Contents) -> dict[str, Any]:
     """Returns the summary of one variant: its targets, facts about its image, and its models."""
     facts, names = _facts(variant), result.targets
     valued = {name: {"value": value, "unit": unit} for name, (value, unit) in facts.items()}

@@ -70,11 +70,12 @@ class Base:
         return cls(alone, target, _frequency_key(data["sensor"], "sensor"), outside)
 
     @property
-    def own_range_m(self) -> float:
-        """Returns the range of the target as the scene has it, m."""
-        data = self.document.data
-        away = np.subtract(data["targets"][self.target]["center_m"], data["camera"]["position_m"])
-        return float(np.linalg.norm(away))
+    def own_ghz(self) -> float | None:
+        """Returns the sensor's one frequency as the scene has it, GHz; None if it has several."""
+        value: Any = self.document.data
+        for name in (self.key or "").split("."):
+            value = value.get(name) if isinstance(value, Mapping) else None
+        return float(value) if isinstance(value, int | float) else None
 
     def at(self, range_m: float, settings: Mapping[str, Any]) -> Document:
         """Returns the scene with the target at a range, and enough rays on it.
@@ -134,7 +135,8 @@ class Pair:
         plans = base.plan(there), base.plan(gone)
         spectrum = plans[0].variants[0].image.spectrum
         middle = float(np.mean(spectrum.planes(spectrum.nodes_hz.array))) / 1e9
-        return cls(range_m, middle if ghz is None else ghz, *plans)
+        named = base.own_ghz if ghz is None else ghz
+        return cls(range_m, middle if named is None else named, *plans)
 
     @property
     def random(self) -> bool:
