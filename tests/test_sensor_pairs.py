@@ -164,6 +164,20 @@ def test_virtual_sensors_have_the_covariance_of_their_cube(tmp_path, seeds):
     assert (np.abs(expected) > error).any()
 
 
+def test_what_a_cube_lacks_of_small_eddies_is_told(tmp_path):
+    """Half a metre apart in voxels of two: most of the difference is put back by the law."""
+    air = scene(
+        atmosphere__fluctuations={
+            "structure_constant_q": CONSTANT, "voxel_m": VOXEL_M, "grid": 64, "seed": 1,
+        }
+    )  # fmt: skip
+    found = study_virtual(write_scene(tmp_path, air), asked=Asked(separations_m=(0.5, 20.0)))
+    near, far = found["pairs"]
+    assert near["noise_g2_m6"] < 0 and far["separation_m"] == 20.0
+    (note,) = (note for note in found["notes"] if "put back" in note)
+    assert note.startswith("scene-virtual-0.5m.csv, 0.5 m away: ")
+
+
 def test_virtual_sensors_stand_within_half_a_cube(tmp_path):
     air = scene(
         atmosphere__fluctuations={"structure_constant_q": CONSTANT, "voxel_m": 1.0, "grid": 16}

@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -24,6 +25,7 @@ Array = NDArray[np.float64]
 
 MOST_LAG = 1.5  # separations, over which the wind's delay between two sensors is looked for
 ALONG, ACROSS = math.cos(math.radians(30)), math.sin(math.radians(30))  # of the separation
+MUCH_LOST = 0.2  # of a structure function: what both records lack of small eddies
 SURE = 4.0  # standard deviations of a correlation of chance, above which a delay is told
 
 
@@ -196,6 +198,7 @@ def _pair(analysis: Analysis, other: Other) -> dict[str, Any]:
         "covariance_g2_m6": covariance,
         "correlation": covariance / math.sqrt(power) if power > 0 else None,
         "structure_function_g2_m6": difference,
+        "noise_g2_m6": float(noises.sum()),
         "structure_constant_q": constant,
         "taylor_covariance_g2_m6": along_wind[0],
         "taylor_structure_function_g2_m6": along_wind[1],
@@ -278,7 +281,7 @@ def _direction(along_m: float | None, separation_m: float) -> str:
 
 def _doubts(analysis: Analysis, pair: dict[str, Any]) -> Iterator[str]:
     """Yields what speaks against trusting a pair."""
-    where = f"{pair['second']}, {pair['separation_m']:g} m away"
+    where = f"{Path(pair['second']).name}, {pair['separation_m']:g} m away"
     along, lag = pair["along_wind_m"], pair["lag_s"]
     step = analysis.record.wind_speed_m_s / analysis.record.rate_hz
     if along is None:
@@ -287,6 +290,12 @@ def _doubts(analysis: Analysis, pair: dict[str, Any]) -> Iterator[str]:
         yield (
             f"{where}: most alike after {lag:.3g} s, in which the wind goes {abs(along):.3g} m, "
             "more than the separation: do the clocks agree?"
+        )
+    lost = -pair["noise_g2_m6"] / max(pair["structure_function_g2_m6"], 1e-300)
+    if lost > MUCH_LOST:
+        yield (
+            f"{where}: {100 * lost:.0f} % of the structure function is what both records lack "
+            "beyond Nyquist's frequency, put back as if the inertial range went on"
         )
     if pair["structure_function_g2_m6"] <= 0:
         yield f"{where}: noise outweighs the difference between the sensors"
