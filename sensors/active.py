@@ -16,6 +16,7 @@ from thzcl.sensor import (
     Needs,
     Optics,
     Parameters,
+    PathReturn,
     Sensor,
     User,
     View,
@@ -65,6 +66,23 @@ class Active(Sensor):
     noise, which are averaged. The layers `noise_power` and `snr` hold NEP sqrt(B) or k 290 K F B,
     and the ratio of the mean signal to it, without speckle.
 
+    Rain, fog and snow: in front of a beam they send light back, which is part of power, speckle and
+    ratios, and which the layer `path_return` tells. The beam is Gauss' of one mode, of the area A
+    of one aperture (`aperture_m` here or in [sensor.optics]), focused at f = `focus_m`, which is
+    the distance of the point that the camera looks at unless it is given. Over the power sent,
+    there comes back the integral of beta G exp(-2 tau) along the ray, beta being the back-scatter,
+    G = A / (r^2 + (A / lambda)^2 (1 - r / f)^2), and tau growing evenly to what it is where the ray
+    ends. With `gate_m = [near, far]` only ranges from `near` before to `far` behind what a pixel
+    shows are received, and where it shows nothing, from there about the focus. With
+    `spreading = "none"`, which has no aperture, the echo of the air is that of a surface at the
+    focus that would be as bright: pi f^2 / A times as much. Mean powers add. Under speckle the
+    fields of drops and surfaces add within each look, as they do in looks of less than some 0.04
+    ms, in which drops hardly move by a wavelength; slower looks average over the drops, and vary
+    less. The light is scattered once, and of drops that are spheres: that of real flakes can be
+    larger by orders of magnitude. A floodlight, or a transmitter elsewhere, lights the drops in a
+    way that this formula does not hold for: with `illumination = "flood"` their echo is left out,
+    and a note says so.
+
     Left out: phase noise and leakage of the source, clutter outside the beam, motion within a look,
     the receiver's own drift.
 
@@ -81,7 +99,7 @@ class Active(Sensor):
         """Parameters of the active imager."""
 
         at_most_one = (_RECEIVERS, ("speckle_looks", "looks"))
-        used_by: ClassVar = {"aperture_m": User(("spreading",), ("lambert",))}
+        used_by: ClassVar = {"aperture_m": User(("spreading", "illumination"), ("lambert", "beam"))}
 
         frequency_ghz: FrequencyGHz = parameter(help="frequency of the source", unit="GHz")
         source_power_w: float = parameter(
@@ -101,7 +119,7 @@ class Active(Sensor):
         )
         spreading: Literal["none", "lambert"] = parameter("none", help="of what surfaces reflect")
         aperture_m: float | None = parameter(
-            None, gt=0, unit="m", help="diameter of the aperture, for spreading"
+            None, gt=0, unit="m", help="diameter of the aperture, for spreading and a beam"
         )
         speckle_looks: float | None = parameter(
             None,
@@ -119,6 +137,17 @@ class Active(Sensor):
         )
         illumination: Literal["flood", "beam"] = parameter(
             "flood", help="whether the whole scene is lit, or each pixel by the receiving beam"
+        )
+        focus_m: float | None = parameter(
+            None,
+            gt=0,
+            unit="m",
+            help="focus of the beam, for the echo of rain, fog and snow; by default look_at_m",
+        )
+        gate_m: tuple[float, float] | None = parameter(
+            None,
+            unit="m",
+            help="ranges received [near, far], from what a pixel shows on (negative: before it)",
         )
         noise_equivalent_power_w_rthz: float | None = parameter(
             None, gt=0, unit="W/sqrt(Hz)", help="the receiver's NEP; none: no noise of power"
@@ -161,18 +190,46 @@ class Active(Sensor):
                 )
             if self.spreading == "lambert" and self.aperture_m is None:
                 found.append(self.trouble("spreading", '"lambert" needs aperture_m'))
-            return [*found, *self._speckle_troubles(), *self._receiver_troubles()]
+            others = self._beam_troubles(), self._speckle_troubles(), self._receiver_troubles()
+            return found + [one for some in others for one in some]
+
+        @property
+        def beam_aperture_m(self) -> float | None:
+            """The diameter of the aperture of the beam that lights and receives, or None."""
+            if self.illumination != "beam":
+                return None
+            blurring = None if self.optics is None else self.optics.aperture_m
+            width_m: float | None = self.aperture_m if blurring is None else blurring
+            return width_m
+
+        def _beam_troubles(self) -> list[Any]:
+            """Returns what is wrong with the keys of a beam."""
+            found = []
+            if self.illumination != "beam":
+                text = 'is that of illumination = "beam"; a floodlight has none'
+                given = [name for name in ("focus_m", "gate_m") if getattr(self, name) is not None]
+                return [self.trouble(name, text) for name in given]
+            if self.beam_aperture_m is None:
+                text = '"beam" needs an aperture_m, here or in [sensor.optics]'
+                found.append(self.trouble("illumination", text))
+            elif self.arrangement == "bistatic":
+                text = '"beam" lights and receives from one place; a bistatic source is a "flood"'
+                found.append(self.trouble("illumination", text))
+            if self.aperture_m not in (None, self.beam_aperture_m):
+                text = (
+                    f"is {self.aperture_m:g} m, but optics.aperture_m {self.beam_aperture_m:g} m; "
+                    "a beam has one aperture"
+                )
+                found.append(self.trouble("aperture_m", text))
+            if self.gate_m is not None and not self.gate_m[0] < 0 <= self.gate_m[1]:
+                text = "begins before what a pixel shows, near < 0, and ends there or behind"
+                found.append(self.trouble("gate_m", f"{text}, far >= 0"))
+            return found
 
         def _speckle_troubles(self) -> list[Any]:
             """Returns what is wrong with the keys of light and speckle."""
             found, given = [], self.model_fields_set
             aperture = None if self.optics is None else self.optics.aperture_m
-            if self.illumination == "beam" and aperture is None:
-                text = '"beam" needs an aperture_m in [sensor.optics]'
-                found.append(self.trouble("illumination", text))
-            elif self.illumination == "beam" and self.arrangement == "bistatic":
-                text = '"beam" lights and receives from one place; a bistatic source is a "flood"'
-                found.append(self.trouble("illumination", text))
             if self.looks is not None and aperture is None:
                 text = "needs an aperture_m in [sensor.optics]; white speckle has speckle_looks"
                 found.append(self.trouble("looks", text))
@@ -221,7 +278,15 @@ class Active(Sensor):
             noise=self._looks() is not None or p.receiver is not None,
             integration_time_s=time_s,
             illumination=p.illumination,
+            path_return=self._path_return(),
         )
+
+    def _path_return(self) -> PathReturn | None:
+        """Returns the beam by which the air sends light back, or None."""
+        p = self.params
+        if p.beam_aperture_m is None:
+            return None
+        return PathReturn(p.beam_aperture_m, p.focus_m, p.gate_m)
 
     def _range_db(self) -> float:
         """Returns the range from the source's power down to the floor, dB."""
@@ -233,10 +298,12 @@ class Active(Sensor):
     def observe(self, sight: Echoes, rng: np.random.Generator) -> Image:
         """Returns the image in decibels over the floor, with the received power in W."""
         p = self.params
-        returned = np.maximum(sight.returned[0], 0.0)  # blur leaves rounding on either side of 0
-        signal = p.source_power_w * np.asarray(returned, dtype=np.float64)
-        if p.spreading == "lambert":  # `returned` is per area; the aperture has this one
-            signal *= np.pi / 4 * p.aperture_m**2
+        signal = self._power_w(sight.returned[0])
+        of_air = None if sight.path_return is None else self._power_w(sight.path_return[0])
+        if of_air is not None and of_air.any():
+            signal = signal + of_air
+        else:
+            of_air = None
         grain = self._grain(sight) if p.grained else None
         power = self._received(signal, grain, sight, rng)
         floor = p.full_scale_w * 10 ** (-p.dynamic_range_db / 10)
@@ -251,15 +318,40 @@ class Active(Sensor):
             10 * np.log10(np.maximum(power, floor) / floor),
             unit="dB",
             quantity="power over the floor",
-            layers=layers | self._noise_layers(signal, sight),
+            layers=layers | self._echo_layers(of_air) | self._noise_layers(signal, sight),
             facts={
                 "floor": (floor, "W"),
                 "pixels below the floor": (100 * float(below.mean()), "%"),
+                **self._echo_facts(of_air, signal),
                 **self._facts(signal, grain, sight),
             },
             decibels=Decibels("received_power", floor),
-            caption=self._caption(),
+            caption=self._caption(of_air),
         )
+
+    def _power_w(self, returned: NDArray[Any]) -> Array:
+        """Returns the power received of what comes back, W."""
+        p = self.params
+        # Blur leaves rounding on either side of 0.
+        power = p.source_power_w * np.maximum(np.asarray(returned, dtype=np.float64), 0.0)
+        if p.spreading == "lambert":  # what comes back is per area; the aperture has this one
+            power *= np.pi / 4 * p.aperture_m**2
+        return np.asarray(power)
+
+    def _echo_layers(self, of_air: Array | None) -> dict[str, Layer]:
+        """Returns the power that the air sends back, if it does."""
+        if of_air is None:
+            return {}
+        return {"path_return": Layer(of_air, "W", "mean power from rain, fog and snow")}
+
+    def _echo_facts(self, of_air: Array | None, signal: Array) -> dict[str, tuple[float, str]]:
+        """Returns the mean power that the air sends back, and its part of all, if it does."""
+        if of_air is None:
+            return {}
+        return {
+            "echo of the air": (float(of_air.mean()), "W"),
+            "echo of the air, of all power": (100 * float(of_air.sum() / signal.sum()), "%"),
+        }
 
     def _looks(self) -> float | None:
         """Returns how many looks are averaged, or None where there is no speckle."""
@@ -352,7 +444,17 @@ class Active(Sensor):
             found["SNR"] = (mean / watts, "1")
         return found
 
-    def _caption(self) -> str:
+    def _caption(self, of_air: Array | None) -> str:
+        """Returns what speckle and noise the image has, in words, and which echo of the air."""
+        words = self._noise_words()
+        if of_air is None:
+            return words
+        gate_m = self.params.gate_m
+        if gate_m is None:
+            return f"{words}, with the echo of the air"
+        return f"{words}, with the echo of the air from {gate_m[0]:g} to {gate_m[1]:+g} m"
+
+    def _noise_words(self) -> str:
         """Returns what speckle and noise the image has, in words."""
         p, looks = self.params, self._looks()
         if looks is None and p.receiver is None:

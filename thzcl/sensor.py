@@ -60,6 +60,7 @@ __all__ = [
     "Needs",
     "Optics",
     "Parameters",
+    "PathReturn",
     "Radiances",
     "Sensor",
     "User",
@@ -151,6 +152,21 @@ class View:
 
 
 @dataclass(frozen=True)
+class PathReturn:
+    """A beam by which rain, fog and snow send light back: one aperture sends and receives it.
+
+    The beam is Gauss' of one mode, of an aperture `aperture_m` wide, and focused at `focus_m`, or
+    where it is None at the distance of the point that the camera looks at. `gate_m` are the nearest
+    and the farthest range received, in m from what a pixel shows on (negative: before it); a pixel
+    that shows nothing has them from the focus on. Without a gate all ranges are received.
+    """
+
+    aperture_m: float
+    focus_m: float | None = None
+    gate_m: tuple[float, float] | None = None
+
+
+@dataclass(frozen=True)
 class Needs:
     """What must be computed for a sensor. Nothing else is computed.
 
@@ -167,7 +183,8 @@ class Needs:
     `integration_time_s` is how long the sensor integrates over a pixel, and `passband` the widths
     in Hz of the frequencies and the response at them, 1 at its peak: observe() gets both back.
     With `illumination = "beam"` one beam both lights and receives each pixel, and the optics see a
-    point by the fourth power of its amplitude in place of the square.
+    point by the fourth power of its amplitude in place of the square. With such a beam, from a
+    sensor at the camera, `path_return` asks for what drops and flakes on the way send back.
     `notes` are sentences for whoever runs the scene, shown among the warnings.
     """
 
@@ -187,6 +204,7 @@ class Needs:
     passband: tuple[ArrayLike, ArrayLike] | None = None
     notes: tuple[str, ...] = ()
     illumination: Literal["flood", "beam"] = "flood"
+    path_return: PathReturn | None = None
 
 
 @dataclass(frozen=True)
@@ -278,10 +296,15 @@ class Echoes(_Sight):
 
     The optical depth is that of the way out and back. `returned` (frequency, y, x) is reflectivity
     times transmission out and back, without a unit; with `gain = "lambert"` it is in 1/m^2.
+    `path_return` (frequency, y, x) is what drops and flakes on the way send back, in the unit of
+    `returned`: with "lambert" the power over the power sent and over the area of the aperture,
+    without it as a surface at the focus would have to reflect to be as bright. It is None unless
+    asked for, and 0 where nothing falls.
     """
 
     returned: NDArray[Any]
     outgoing_length: NDArray[Any]  # (y, x), m, from the transmitter to what the pixel shows
+    path_return: NDArray[Any] | None = field(default=None, kw_only=True)
 
 
 @dataclass(frozen=True)

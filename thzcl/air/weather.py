@@ -42,7 +42,7 @@ class Kind(NamedTuple):
     """One kind of what falls, at some frequencies: coefficients in 1/m, (frequency,).
 
     `legendre` (order, frequency) are the moments of its phase function, `kelvin` its temperature,
-    and `top_m` the height up to which it falls.
+    `top_m` the height up to which it falls, and `backscatter` what it scatters back, in 1/m/sr.
     """
 
     absorption: Array
@@ -50,6 +50,7 @@ class Kind(NamedTuple):
     legendre: Array
     kelvin: Array
     top_m: float
+    backscatter: Array | float = 0.0
 
 
 def falling(air: Air, frequency_hz: Array) -> list[Kind]:
@@ -87,7 +88,8 @@ def _kinds(air: Air, frequencies: tuple[float, ...]) -> tuple[tuple[Part, Kind],
         if scattered.any():
             given = composition.moments(part, optics)[:ORDERS]
             moments[: len(given)] = np.where(scattered > 0, given, moments[: len(given)])
-        kind = Kind(absorbed, scattered, moments, kelvin, composition.layer_top_m(part))
+        back = np.broadcast_to(np.asarray(optics.backscatter), hz.shape)
+        kind = Kind(absorbed, scattered, moments, kelvin, composition.layer_top_m(part), back)
         found.append((part, kind))
     return tuple(found)
 

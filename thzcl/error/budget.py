@@ -23,6 +23,7 @@ from thzcl.error import twin
 from thzcl.error.rays import FinePixels, FineWalkSpec, Walked, WalkSpec
 from thzcl.error.twin import Absorber, Path
 from thzcl.graph import Spec, Values, frozen
+from thzcl.sensing.air_echo import AirEcho, Line
 from thzcl.sensing.pixels import Pixels, Steps, SumSpec, weigh
 from thzcl.sensing.spectrum import Spectrum, Split
 from thzcl.sensing.transfer import Rays
@@ -98,6 +99,7 @@ class Light:
     spectrum: Spectrum
     transfer: Transfer
     weather: Weather | None = None
+    echo: AirEcho | None = None
 
     def planes(self, absorber: Absorber, walked: Walked, ways: tuple[Path, ...]) -> Array:
         """Returns the contrast that rays bring to the camera, (plane, ray)."""
@@ -116,12 +118,13 @@ class Light:
         return np.asarray(source * length * mean_transmission(absorber.depth(way)))
 
     def scattering_error(self, absorber: Absorber, walked: Walked, way: Path) -> Array:
-        """Returns the error of what weather adds, (plane, ray).
+        """Returns the error of what weather adds to rays or sends back, (plane, ray).
 
         It is that of taking light as it comes in at a ray's mean height, and transmission as it is
         in even air, against a sum over the segments of each ray.
         """
-        assert self.weather is not None  # noqa: S101 (asked only where something falls)
+        if self.weather is None:
+            return self._echo_error(absorber, walked, way)
         nodes = self.spectrum.nodes_hz.array
         middle = np.cumsum(way.length, axis=1) - way.length / 2
         sine = np.broadcast_to(walked.sine[:, None], middle.shape)
@@ -135,6 +138,29 @@ class Light:
             found[number] = (through * source[number] * way.length * mean_transmission(tau)).sum(-1)
         error = self._scattered(self.weather, absorber, walked, way) - found
         return np.asarray(self.spectrum.planes(error) * walked.gain)
+
+    def _echo_error(self, absorber: Absorber, walked: Walked, way: Path) -> Array:
+        """Returns the error of what the air sends back, (plane, ray).
+
+        It is that of attenuating light evenly along each ray, against a sum over its segments.
+        """
+        assert self.echo is not None  # noqa: S101 (asked only where something falls)
+        nodes, ends = self.spectrum.nodes_hz.array, np.cumsum(way.length, axis=1)
+        line = Line(ends[:, -1], walked.surface > 0, walked.sine, walked.start_m)
+        near, far = self.echo.received(line)
+        parts = np.maximum(near[:, None], ends - way.length), np.minimum(far[:, None], ends)
+        error = np.zeros((len(nodes), len(ends)))
+        for number, per_m in enumerate(absorber.along(way)):
+            tau = per_m * way.length
+            before = np.cumsum(tau, axis=1) - tau - per_m * (ends - way.length)
+            back = self.echo.returned(number, nodes, per_m, line, parts)
+            with np.errstate(over="ignore"):  # where nothing comes back
+                true = np.where(back > 0, back * np.exp(-2 * before), 0.0).sum(axis=1)
+            mean = np.divide(
+                tau.sum(1), ends[:, -1], out=np.zeros(len(ends)), where=ends[:, -1] > 0
+            )
+            error[number] = self.echo.returned(number, nodes, mean, line, (near, far)) - true
+        return np.asarray(self.spectrum.planes(error))
 
     def exact(self, expansion: Expansion) -> Absorber:
         """Returns the absorption of the air's own model, over the spans of an expansion."""
@@ -202,7 +228,7 @@ class ErrorSpec(Spec):
             true = finer.planes(finer.exact(expansion), walk, walk.paths(span))
             errors["band-quadrature"] = full - true
         missed = np.zeros(())
-        if light.weather is not None:
+        if light.weather is not None or light.echo is not None:
             missed = light.scattering_error(exact, walk, walk.paths(span)[0])
             errors["scattering"] = missed
         errors["total"] = ran - true + missed

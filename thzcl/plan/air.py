@@ -27,6 +27,7 @@ from thzcl.paths.specs import (
 )
 from thzcl.paths.trace import DEPTH_CHECKED_EVERY, Motion
 from thzcl.plan.numerics import Accuracy
+from thzcl.sensing.air_echo import AirEcho, AirEchoSpec
 from thzcl.sensing.exposures import Exposure
 from thzcl.sensing.spectrum import Spectrum
 from thzcl.sensing.transfer import CarriedSpec, LambertSpec, ShadeSpec
@@ -66,6 +67,7 @@ class Setup:
     polarization_deg: float | None = None
     weather: Weather | None = None
     scattered: bool = False
+    echo: AirEcho | None = None  # what falls sends back to the sensor's beam
 
     @property
     def sent(self) -> SentSpec:
@@ -106,10 +108,16 @@ class Setup:
             return WeatherSpec.of(rays, self.weather)
         return LambertSpec(rays, rays.ends) if self.lambert else rays
 
+    def echoed(self, rays: AnyRays) -> AirEchoSpec:
+        """Returns what the air sends back along rays of echoes."""
+        assert self.echo is not None  # noqa: S101 (asked only where something falls)
+        assert not isinstance(rays, WeatherSpec | AirEchoSpec)  # noqa: S101 (echoes of surfaces)
+        return AirEchoSpec.of(rays.rays if isinstance(rays, LambertSpec) else rays, self.echo)
+
     def light(self, transfer: Transfer, spectrum: Spectrum) -> Light:
         """Returns the float64 twin of what reaches the camera at some frequencies."""
         weather = self.weather if self.scattered else None
-        return Light(self.air, self.sources, spectrum, transfer, weather)
+        return Light(self.air, self.sources, spectrum, transfer, weather, self.echo)
 
     def attenuated(self) -> Attenuated:
         """Returns how light is attenuated in the float64 twin."""

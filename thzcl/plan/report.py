@@ -10,6 +10,7 @@ import numpy as np
 from thzcl.air.expansion import Expansion, ExpansionSpec, TrimmedSpec, possible
 from thzcl.air.mean import NOWHERE
 from thzcl.air.refraction import Refraction, estimate, structure_constant_n
+from thzcl.air.weather import falling
 from thzcl.graph import LeftOut, Work, everything, peak
 from thzcl.paths.specs import TraceSpec
 from thzcl.plan import materials, sky, weather
@@ -137,6 +138,7 @@ def warnings(plan: Plan, errors: Iterable[float]) -> list[str]:
     found += [note for variant in plan.variants for note in _of_sky(variant)]
     found += weather.notes([(one.name, *one.falling) for one in plan.variants if one.falling])
     found += [note for variant in plan.variants for note in _of_materials(variant)]
+    found += [note for variant in plan.variants for note in _unheard(variant)]
     following = iter(errors)
     for variant in plan.variants:
         humidity = variant.scene.atmosphere.air.relative_humidity_percent
@@ -191,6 +193,17 @@ def made_of(plan: Plan) -> list[dict[str, object]]:
             variant.scene, variant.image.sources, variant.image.spectrum.nodes_hz.array
         )
     ]
+
+
+def _unheard(variant: PlannedVariant) -> list[str]:
+    """Returns a note on what falls and would send light back, but is not asked to."""
+    needs, nodes = variant.needs, variant.image.spectrum.nodes_hz.array
+    if not needs.reflection or needs.path_return is not None:
+        return []
+    if not any(np.any(kind.backscatter) for kind in falling(variant.air, nodes)):
+        return []
+    lacks = "the echo of rain, fog and snow is not in the image, only what they take from it"
+    return [f'{variant.name}: {lacks}; an active sensor with illumination = "beam" has it']
 
 
 def skies(plan: Plan) -> list[dict[str, object]]:

@@ -34,6 +34,7 @@ from thzcl.scenario.atmosphere import NO_LOGNORMAL
 from thzcl.scenario.document import Scenario, Variant, noise_seed
 from thzcl.scenario.scene import Scene
 from thzcl.sensing import bands, optics
+from thzcl.sensing.air_echo import AirEcho
 from thzcl.sensing.exposures import Exposure
 from thzcl.sensing.image import ComparedSpec, ImageSpec, NoiseKey
 from thzcl.sensing.pixels import PixelsSpec, PlacesSpec, Steps, SumSpec
@@ -378,7 +379,28 @@ class _Planner:
             self.targets,
             self.scene.camera.polarization_deg,
             *self._in(self.air, self.split.parts),
+            self._echo(self.air, self.split.parts),
         )
+
+    def _echo(self, air: Air, spectrum: Spectrum) -> AirEcho | None:
+        """Returns what falls in some air and sends light back to the sensor's beam, or None."""
+        beam, nodes = self.needs.path_return, spectrum.nodes_hz.array
+        if beam is None or not any(np.any(k.backscatter) for k in weather.falling(air, nodes)):
+            return None
+        view = self.scene.camera
+        aimed_m = math.dist(view.position_m, view.look_at_m)
+        focused = replace(beam, focus_m=beam.focus_m or aimed_m)
+        return AirEcho(air, focused, self.needs.gain == "lambert")
+
+    def _echoed(self, setup: Setup, pixels: PixelsSpec) -> PixelsSpec | None:
+        """Returns what the air sends back to pixels that see echoes of surfaces, or None."""
+        if setup.echo is None:
+            return None
+        parts = tuple(
+            replace(part, rays=tuple(setup.echoed(rays) for rays in part.rays))
+            for part in pixels.parts
+        )
+        return replace(pixels, parts=parts)
 
     def _calm(self, setup: Setup) -> str:
         """Returns why no weather adds light to rays, or nothing if it does."""
@@ -386,6 +408,8 @@ class _Planner:
             return ""
         if not air_weather.falls(self.air, self.spectrum.nodes_hz.array):
             return "nothing falls through the air"
+        if setup.echo is not None:
+            return ""
         if setup.weather is None:
             return "active sensor: only echoes are seen"
         most = self._most_scattered_k(self.air, self.split.parts, setup.weather)
@@ -445,17 +469,21 @@ class _Planner:
             sources=sources,
             weather=falling,
             scattered=scattered,
+            echo=self._echo(one.air, split.parts),
         )
         air = self._air(its, cube)
+        pixels = PixelsSpec(self._parts(air, self.split.parts_of(one.planes)), split, sources)
         spec = ComparedSpec(
             one.model,
             one.planes,
-            PixelsSpec(self._parts(air, self.split.parts_of(one.planes)), split, sources),
+            pixels,
             self._places(setup),
             air.expansion,
             sources,
             split.whole,
             self.pixel_rad,
+            self.needs.path_return is not None,
+            self._echoed(its, pixels),
         )
         return beside(spec)
 
@@ -465,10 +493,10 @@ class _Planner:
 
     def _image(self, setup: Setup, parts: tuple[SumSpec, ...]) -> ImageSpec:
         """Returns the image whose pixels see the sum of some parts."""
-        passband = self.needs.passband
+        passband, pixels = self.needs.passband, PixelsSpec(parts, self.split, self.sources)
         return ImageSpec(
             self.variant.name,
-            PixelsSpec(parts, self.split, self.sources),
+            pixels,
             self._places(setup),
             self.sources,
             self.spectrum,
@@ -478,6 +506,8 @@ class _Planner:
             None if passband is None else (Values.of(passband[0]), Values.of(passband[1])),
             NoiseKey(noise_seed(self.scene), self.variant.key),
             self.needs.noise,
+            self.needs.path_return is not None,
+            self._echoed(setup, pixels),
         )
 
     def planned(self) -> PlannedVariant:

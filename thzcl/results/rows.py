@@ -46,7 +46,8 @@ def at_frequency(sight: Radiances | Echoes, number: int) -> Radiances | Echoes:
         "weights": None if sight.weights is None else sight.weights[one],
     }
     if isinstance(sight, Echoes):
-        return replace(sight, **changes, returned=sight.returned[one])
+        of_air = None if sight.path_return is None else sight.path_return[one]
+        return replace(sight, **changes, returned=sight.returned[one], path_return=of_air)
     return replace(
         sight, **changes, contrast=sight.contrast[one], air_radiance=sight.air_radiance[one]
     )

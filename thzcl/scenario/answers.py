@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from thzcl.plugins.guard import Breach
-from thzcl.sensor import Decibels, Image, Layer, Needs, Optics
+from thzcl.sensor import Decibels, Image, Layer, Needs, Optics, PathReturn
 
 Array = NDArray[np.float64]
 
@@ -58,6 +58,7 @@ def needs(asked: Any, pixels: tuple[int, int]) -> Needs:
         integration_time_s=_time(asked.integration_time_s),
         passband=_passband(asked.passband, len(frequency_hz)),
         notes=tuple(_text(note, "a note of needs()") for note in asked.notes),
+        path_return=_path_return(asked),
     )
 
 
@@ -121,6 +122,32 @@ def _passband(given: Any, count: int) -> tuple[Array, Array] | None:
     return _numbers(width_hz, "widths of frequencies", (count,)), _numbers(
         response, "a response", (count,)
     )
+
+
+def _path_return(asked: Needs) -> PathReturn | None:
+    """Returns the beam by which the air sends light back."""
+    beam = asked.path_return
+    if beam is None:
+        return None
+    if not isinstance(beam, PathReturn):
+        raise Breach("needs() gave a path return that is not a thzcl.sensor.PathReturn")
+    lit = asked.reflection and asked.illumination == "beam" and asked.transmitter_m is None
+    if not lit:
+        raise Breach(
+            "needs() asked for a path return without a beam that lights and receives at the camera"
+        )
+    lengths = {"an aperture": beam.aperture_m, "a focus": beam.focus_m}
+    for what, given in lengths.items():
+        if given is not None and not (float(given) > 0 and np.isfinite(float(given))):
+            raise Breach(f"needs() gave {what} of {float(given):g} m, not above 0")
+    gate_m = beam.gate_m
+    if gate_m is not None:
+        near, far = _numbers(gate_m, "a gate", (2,)).tolist()
+        if not near < 0 <= far:
+            raise Breach(f"needs() gave a gate from {near:g} to {far:g} m, which leaves out 0")
+        gate_m = near, far
+    focus_m = None if beam.focus_m is None else float(beam.focus_m)
+    return PathReturn(float(beam.aperture_m), focus_m, gate_m)
 
 
 def _times(given: Any, pixels: tuple[int, int]) -> Array | None:

@@ -66,7 +66,9 @@ class ImageSpec(Spec):
     passband: tuple[Values, Values] | None  # widths and response, if the sensor says so
     noise: NoiseKey
     noisy: bool  # whether the sensor draws random numbers
-    reads = ("pixels", "places")
+    asks_echo: bool = False  # whether the sensor asks for what the air sends back
+    echo: PixelsSpec | None = None  # what the air sends back, if anything
+    reads = ("pixels", "places", "echo")
     stage = "sensor"
 
     @property
@@ -74,10 +76,10 @@ class ImageSpec(Spec):
         """Returns the arithmetic on the device, and the type in which images are stored."""
         return self.places.ends.precision
 
-    def run(self, device: Device, pixels: Pixels, places: Places) -> Recorded:
+    def run(self, device: Device, pixels: Pixels, places: Places, echo: Pixels | None) -> Recorded:
         """Returns what reached the sensor, and its image or what went wrong."""
         del device
-        sight = replace(_sight(self, pixels, places), integration_time_s=self.time_s)
+        sight = replace(_sight(self, pixels, places, echo), integration_time_s=self.time_s)
         if self.passband is not None:
             widths, response = self.passband
             sight = replace(sight, passband=(widths.array, response.array))
@@ -132,13 +134,22 @@ class ComparedSpec(Spec):
     sources: Sources
     spectrum: Spectrum  # of these planes
     pixel_rad: tuple[float, float]  # width and height of a pixel at the image centre
-    reads = ("pixels", "places", "expansion")
+    asks_echo: bool = False  # whether the sensor asks for what the air sends back
+    echo: PixelsSpec | None = None  # what the air sends back, if anything
+    reads = ("pixels", "places", "expansion", "echo")
     stage = "shading"
 
-    def run(self, device: Device, pixels: Pixels, places: Places, expansion: Expansion) -> Compared:
+    def run(
+        self,
+        device: Device,
+        pixels: Pixels,
+        places: Places,
+        expansion: Expansion,
+        echo: Pixels | None,
+    ) -> Compared:
         """Returns what reached the pixels."""
         del device
-        sight = _sight(self, pixels, places)
+        sight = _sight(self, pixels, places, echo)
         hole = _hole(sight, self.places.ends.geometry.frame, self.places.ends.geometry.raster)
         failure = f'by "{self.model}" {hole}; please report the scene' if hole else None
         return Compared(self.model, self.planes, sight, expansion.error, failure)
@@ -149,7 +160,9 @@ class ComparedSpec(Spec):
         return Memory((8 * height * width * self.spectrum.count,))
 
 
-def _sight(image: ImageSpec | ComparedSpec, pixels: Pixels, places: Places) -> Sight:
+def _sight(
+    image: ImageSpec | ComparedSpec, pixels: Pixels, places: Places, echo: Pixels | None
+) -> Sight:
     """Returns what reaches the pixels of an image, as sensors take it."""
     spectrum, sources, precision = image.spectrum, image.sources, image.places.ends.precision
     nodes = spectrum.nodes_hz.array
@@ -169,13 +182,20 @@ def _sight(image: ImageSpec | ComparedSpec, pixels: Pixels, places: Places) -> S
         air_k = sources.air_k
         return Radiances(*common, pixels.contrast, air, air_k, pixel_angle_rad=angles)
     outgoing = np.asarray(places.outgoing_length, precision)
-    return Echoes(*common, pixels.contrast, outgoing, pixel_angle_rad=angles)
+    found = Echoes(*common, pixels.contrast, outgoing, pixel_angle_rad=angles)
+    if not image.asks_echo:
+        return found
+    shape = found.optical_depth.shape
+    back = np.zeros(shape, precision) if echo is None else np.asarray(echo.contrast, precision)
+    return replace(found, path_return=back)
 
 
 def _hole(sight: Sight, frame: Values, rays: Raster) -> str | None:
     """Returns the first pixel that is not a number, and its ray, in words; None if all are."""
     signal = sight.returned if isinstance(sight, Echoes) else sight.contrast
     planes: list[NDArray[Any]] = [sight.optical_depth, signal]
+    if isinstance(sight, Echoes) and sight.path_return is not None:
+        planes.append(sight.path_return)
     if all(np.isfinite(plane.sum(dtype=np.float64)) for plane in planes):
         return None
     bad = ~np.all([np.isfinite(plane).all(axis=0) for plane in planes], axis=0)

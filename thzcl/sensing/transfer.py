@@ -19,8 +19,10 @@ from thzcl.paths.emission import Carried
 from thzcl.paths.specs import AnyPath, EmissionSpec
 from thzcl.paths.trace import Paths
 from thzcl.sensing.spectrum import Spectrum
+from thzcl.surfaces import camera
 from thzcl.surfaces.camera import Raster
 from thzcl.surfaces.ends import EndsSpec, RayEnds
+from thzcl.surfaces.geometry import Geometry
 from thzcl.surfaces.radiance import SentSpec, Sources, Table
 
 Array = NDArray[Any]
@@ -186,6 +188,34 @@ class LambertSpec(Spec):
     def memory(self) -> Memory:
         """Returns the echoes."""
         return Memory((8 * self.ends.geometry.raster.rays * self.rays.planes,))
+
+
+def depths(
+    rays: Rays, path: Paths | Carried | None, expansion: Expansion | None
+) -> Iterator[Array]:
+    """Yields the optical depth of every ray, (ray,), at one frequency after the other.
+
+    Without a path it is that of the planes of the rays, the way out included; with one it is that
+    of the way back alone, with an expansion unless the path carries depths.
+    """
+    planes, number = len(rays.depth), rays.shown.size
+    if path is None:
+        yield from rays.depth.reshape(planes, -1).astype(np.float64)
+    elif isinstance(path, Carried):
+        yield from path.depth[:, :number].astype(np.float64)
+    else:
+        assert expansion is not None  # noqa: S101 (see above)
+        length = path.path_length.host()[:number].astype(np.float64)
+        moments = path.moments.host()[:, :number]
+        for constant, *rest in expansion.coefficients[:, :, 0]:
+            yield constant * length + np.asarray(rest) @ moments[: len(rest)]
+
+
+def elevations(shape: Geometry) -> tuple[Array, float]:
+    """Returns the sine of the elevation of rays, (ray,), and the height of the camera, m."""
+    direction = camera.directions(shape.frame.array, shape.raster, np.arange(shape.raster.rays))
+    sine = direction[:, 2] / np.linalg.norm(direction, axis=1)
+    return sine, float(shape.frame.array[0, 2])
 
 
 def lambert_gain(cosine: Array, length_m: Array) -> Array:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
 
@@ -17,11 +16,17 @@ from thzcl.graph import LeftOut, Memory, Spec, Work, frozen
 from thzcl.paths.emission import Carried
 from thzcl.paths.specs import AnyPath, EmissionSpec
 from thzcl.paths.trace import Paths
+from thzcl.sensing.air_echo import AirEchoSpec
 from thzcl.sensing.spectrum import Bands, Spectrum
-from thzcl.sensing.transfer import CarriedSpec, LambertSpec, Rays, ShadeSpec
-from thzcl.surfaces import camera
+from thzcl.sensing.transfer import (
+    CarriedSpec,
+    LambertSpec,
+    Rays,
+    ShadeSpec,
+    depths,
+    elevations,
+)
 from thzcl.surfaces.ends import EndsSpec
-from thzcl.surfaces.geometry import Geometry
 
 Array = NDArray[Any]
 
@@ -71,32 +76,17 @@ class WeatherSpec(Spec):
         """Returns the rays with a new contrast."""
         del device
         hz, length = self.spectrum.nodes_hz.array, rays.reached[0].ravel().astype(np.float64)
-        sine, height = places(self.ends.geometry, length)
+        sine, start_m = elevations(self.ends.geometry)
+        height = start_m + sine * length / 2
         look_up = self.weather.look_up(hz, sine, height)
         added = np.zeros((self.planes, length.size))
         shares = self.spectrum.planes(np.eye(len(hz)))  # (plane, node)
-        for number, depth in enumerate(self._depths(rays, path, expansion)):
+        for number, depth in enumerate(depths(rays, path, expansion)):
             seen = look_up.at(number, sine, height) * length * mean_transmission(depth)
             for plane in np.flatnonzero(shares[:, number]):
                 added[plane] += shares[plane, number] * seen
         contrast = rays.contrast + added.reshape(rays.contrast.shape)
         return replace(rays, contrast=contrast.astype(rays.contrast.dtype))
-
-    def _depths(
-        self, rays: Rays, path: Paths | Carried | None, expansion: Expansion | None
-    ) -> Iterator[Array]:
-        """Yields the optical depth of every ray, at one frequency after the other."""
-        number = self.ends.geometry.raster.rays
-        if path is None:
-            yield from rays.depth.reshape(self.planes, -1).astype(np.float64)
-        elif isinstance(path, Carried):
-            yield from path.depth[:, :number].astype(np.float64)
-        else:
-            assert expansion is not None  # noqa: S101 (see `of`)
-            length = path.path_length.host()[:number].astype(np.float64)
-            moments = path.moments.host()[:, :number]
-            for constant, *rest in expansion.coefficients[:, :, 0]:
-                yield constant * length + np.asarray(rest) @ moments[: len(rest)]
 
     def describe(self) -> dict[str, Work | LeftOut]:
         """Returns that light is scattered."""
@@ -109,11 +99,4 @@ class WeatherSpec(Spec):
         return Memory((real * rays * self.planes,), (8 * rays * (self.planes + 12),))
 
 
-def places(shape: Geometry, length_m: Array) -> tuple[Array, Array]:
-    """Returns the sine of the elevation of rays, and the mean height of their ends, (ray,)."""
-    direction = camera.directions(shape.frame.array, shape.raster, np.arange(shape.raster.rays))
-    sine = direction[:, 2] / np.linalg.norm(direction, axis=1)
-    return sine, shape.frame.array[0, 2] + sine * length_m / 2
-
-
-AnyRays = ShadeSpec | CarriedSpec | LambertSpec | WeatherSpec
+AnyRays = ShadeSpec | CarriedSpec | LambertSpec | WeatherSpec | AirEchoSpec

@@ -65,13 +65,15 @@ class MeanSight:
     """The mean of what reached the pixels."""
 
     def __init__(self) -> None:
-        self._signal, self._depth = Running(), Running()
+        self._signal, self._depth, self._of_air = Running(), Running(), Running()
         self._last: Radiances | Echoes | None = None
 
     def add(self, sight: Radiances | Echoes) -> None:
         """Adds one realisation."""
         self._signal.add(sight.returned if isinstance(sight, Echoes) else sight.contrast)
         self._depth.add(sight.optical_depth)
+        if isinstance(sight, Echoes) and sight.path_return is not None:
+            self._of_air.add(sight.path_return)
         self._last = sight
 
     def mean(self) -> Radiances | Echoes:
@@ -80,7 +82,10 @@ class MeanSight:
         sight, kind = self._last, self._last.optical_depth.dtype
         signal, depth = (plane.mean.astype(kind) for plane in (self._signal, self._depth))
         if isinstance(sight, Echoes):
-            return replace(sight, optical_depth=depth, returned=signal)
+            of_air = sight.path_return
+            if of_air is not None:
+                of_air = self._of_air.mean.astype(of_air.dtype)
+            return replace(sight, optical_depth=depth, returned=signal, path_return=of_air)
         return replace(sight, optical_depth=depth, contrast=signal)
 
 
