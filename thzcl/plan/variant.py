@@ -385,7 +385,7 @@ class _Planner:
     def _echo(self, air: Air, spectrum: Spectrum) -> AirEcho | None:
         """Returns what falls in some air and sends light back to the sensor's beam, or None."""
         beam, nodes = self.needs.path_return, spectrum.nodes_hz.array
-        if beam is None or not any(np.any(k.backscatter) for k in weather.falling(air, nodes)):
+        if beam is None or not any(np.any(k.backscatter) for k in air_weather.falling(air, nodes)):
             return None
         view = self.scene.camera
         aimed_m = math.dist(view.position_m, view.look_at_m)
