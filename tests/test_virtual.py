@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from scenes import scene, write
 
+from thzcl.errors import RecordError
 from thzcl.records import inertial, spectrum, virtual
 from thzcl.records.study import study_virtual
 
@@ -105,3 +106,13 @@ def test_the_record_is_kept_where_asked_for(tmp_path, thzcl_json, thzcl_command)
     for wrong in (("fluctuations",), ("fluctuations", "a.csv", "--virtual", "quick")):
         done = thzcl_command(*wrong)
         assert done.returncode == 2 and "give a hygrometer's FILE, or --virtual" in done.stderr
+
+
+def test_air_that_no_record_is_made_of_is_refused(tmp_path):
+    """A record takes one periodic cube, without larger eddies or a change by height."""
+    flow = {"spectrum": "von-karman", "outer_scale_m": 300.0, "sigma_percent": 20.0, "grid": 16}
+    large = {"temperature_k": 290.0, "relative_humidity_percent": 50.0}
+    large["fluctuations"] = flow | {"voxel_m": 0.5, "seed": 1, "large_scales": True}
+    file = write(tmp_path, scene(atmosphere=large))
+    with pytest.raises(RecordError, match="without large_scales"):
+        virtual.write(file, tmp_path)

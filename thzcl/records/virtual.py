@@ -18,6 +18,7 @@ from thzcl.errors import RecordError
 from thzcl.files import write_whole
 from thzcl.graph import evaluate
 from thzcl.records.moisture import SONIC_HUMIDITY
+from thzcl.turbulence.lattice import Lattice
 
 Array = NDArray[np.float64]
 
@@ -47,6 +48,12 @@ def write(
             "an absorbing model"
         )
     ((cube,),) = evaluate([(variant.cube,)], open_device())
+    same = cube.lattice == Lattice.cubic(cube.grid, cube.voxel_m)
+    if cube.waves is not None or cube.layers is not None or not same:
+        raise RecordError(
+            f"{source}: a virtual record needs a cube with equal edges, without large_scales and "
+            "[atmosphere.profile]; remove them"
+        )
     period = cube.grid * cube.voxel_m
     for separation in separations_m:
         if separation > period / 2:
