@@ -45,7 +45,8 @@ __kernel void emission(__global const real *restrict delta, __global const real 
                        int log2z, __global const wide *reach, __global const wide *end,
                        __global const wide *restrict time, __global const wide *restrict enter,
                        __global const wide *restrict leave, __global const real *restrict stretch,
-                       __global const real *restrict layers, int rows, real level,
+                       __global const real *restrict layers, real lowest,
+                       real highest, real level,
                        __global const wide *restrict rise, __global const int *restrict picked,
                        int count,
                        __global real *restrict path_length, __global int *restrict surface,
@@ -100,7 +101,7 @@ __kernel void emission(__global const real *restrict delta, __global const real 
 #ifdef LAYERS
         reals moister, warmer;
         const reals middle = level + climb * ((ray.here + there) * (real)0.5);
-        layer_at(middle, layers, rows, &moister, &warmer);
+        layer_at(middle, layers, lowest, highest, &moister, &warmer);
         d += moister + d * moister;
         t += warmer;
 #endif

@@ -1,25 +1,32 @@
 // The mean air by height, as departures from the scene's mean: delta and kelvins by look-up.
 //
-// Option: LAYERS, the largest power of two that is no more than the number of rows.
+// Option: LAYERS, the number of heights in the look-up.
 
 #ifdef LAYERS
-// `layers` (4, rows) holds height in m, one over the step to the next row (in ln z where the row is
-// above 0, else in z), delta and offset. Beyond the rows the air is that of the last one.
-INLINE void layer_at(reals z, __global const real *layers, int rows, reals *delta, reals *offset)
+// The look-up has 2^FINE steps an octave, so that a height's own bits say where it lies.
+#define FINE 10
+#if PRECISION == 64
+#define BITS(x) VECTOR(as_long)(x)
+#define BELOW (52 - FINE)
+#else
+#define BITS(x) VECTOR(as_int)(x)
+#define BELOW (23 - FINE)
+#endif
+
+// `layers` (2, LAYERS) holds delta and offset at the heights, of which the lowest, `lowest`, is
+// above 0, and the highest `highest`. Beyond them the air is that of the last one.
+INLINE void layer_at(reals height, __global const real *layers, real lowest, real highest,
+                     reals *delta, reals *offset)
 {
-    wholes low = 0;
-    for (int step = LAYERS; step; step >>= 1) {
-        const wholes next = SMALLER(low + (whole)step, (wholes)(rows - 2));
-        low = GATHER(layers, next) <= z ? next : low;
-    }
-    const reals below = GATHER(layers, low), inverse = GATHER(layers + rows, low);
-    const reals height = z < below ? below : z;
-    const reals part = (below > 0 ? log(height / (below > 0 ? below : (reals)1)) : height - below) *
-                       inverse;
-    const reals up = part > 1 ? (reals)1 : part;
-    const wholes high = low + (whole)1;
-    __global const real *d = layers + 2 * rows, *t = layers + 3 * rows;
-    *delta = GATHER(d, low) + up * (GATHER(d, high) - GATHER(d, low));
-    *offset = GATHER(t, low) + up * (GATHER(t, high) - GATHER(t, low));
+    const reals above = height < lowest ? (reals)lowest : height,
+                within = above < highest ? above : (reals)highest;
+    const wholes bits = BITS(within), first = BITS((reals)lowest);
+    const wholes cell = (bits >> BELOW) - (first >> BELOW);
+    const reals part = TO_REALS(bits & ((((whole)1) << BELOW) - 1)) *
+                       ((real)1 / (((whole)1) << BELOW));
+    const reals d = GATHER(layers, cell), d_next = GATHER(layers + 1, cell),
+                t = GATHER(layers + LAYERS, cell), t_next = GATHER(layers + LAYERS + 1, cell);
+    *delta = d + part * (d_next - d);
+    *offset = t + part * (t_next - t);
 }
 #endif

@@ -9,6 +9,7 @@ from __future__ import annotations
 import csv
 import math
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +24,8 @@ Array = NDArray[np.float64]
 
 LOWEST_M = 1.0  # the first row may lie so high, and serves below it
 MOST_ROWS = 4096
+STEPS = 1024  # of an octave of height in the kernels' look-up, as layers.cl has it
+OCTAVES = 14  # below the highest row, where the lowest is at 0
 SAME = 1e-9  # of humidity and of kelvins: departures up to here are those of rounding
 COLDEST_K, WARMEST_K = 100.0, 400.0  # as of [atmosphere]
 _HEIGHTS = {"height_m": 1.0, "height_km": 1e3}
@@ -88,18 +91,34 @@ class Departures:
         )
         return delta, offset
 
-    def table(self) -> Array:
-        """Returns the rows of the kernels' look-up, (4, row).
+    def look_up(self) -> LookUp:
+        """Returns the kernels' look-up, which is straight between 1024 heights an octave.
 
-        They are height, one over the step to the next row (in ln z where the row is above 0, else
-        in z), delta and offset.
+        Where rows lie at or below 0, heights count from a little below the lowest of them.
         """
-        z = self.height_m.array
-        above = z[:-1] > 0
-        ratio = np.divide(z[1:], z[:-1], out=np.full(len(z) - 1, math.e), where=above)
-        step = np.where(above, np.log(ratio), np.diff(z))
-        inverse = np.append(1 / step, 0.0)
-        return np.array([z, inverse, self.delta.array, self.offset_k.array])
+        low, high = float(self.height_m.array[0]), float(self.height_m.array[-1])
+        base = min(low, 0.0)
+        least = low if low > 0 else (high - base) * 2.0**-OCTAVES
+        first, last = (math.floor(math.log2(height)) for height in (least, high - base))
+        octave = np.arange(first, last + 1)[:, None]
+        steps = (2.0**octave * (1 + np.arange(STEPS) / STEPS)).ravel()
+        heights = np.append(steps, 2.0 ** (last + 1))
+        start = int(np.searchsorted(heights, least, side="right")) - 1
+        heights = heights[start:]
+        return LookUp(base, float(heights[0]), high - base, np.array(self.at(heights + base)))
+
+
+class LookUp(NamedTuple):
+    """Departures (2, height) of humidity and temperature at heights above `base_m`.
+
+    The heights have 1024 steps in each octave, from `lowest_m` on; what lies above `highest_m` is
+    as it is there.
+    """
+
+    base_m: float
+    lowest_m: float
+    highest_m: float
+    departures: Array
 
 
 def between(rows_m: Array, height_m: Array, values: Array) -> Array:

@@ -185,13 +185,15 @@ def _layered(device: Device, ends: RayEnds, field: Field, precision: str) -> dic
     """Returns the kernel arguments that describe the mean air by height."""
     if field.layers is None:
         none = device.empty((1,), precision)
-        return {"layers": none, "rows": 0, "level": 0.0, "rise": ends.reach}
-    table = field.layers.table()
+        heights = {"lowest": 0.0, "highest": 0.0, "level": 0.0}
+        return {"layers": none, "rise": ends.reach, **heights}
+    found = field.layers.look_up()
     directions, start = ends.ways()
     return {
-        "layers": device.put(table, precision),
-        "rows": table.shape[1],
-        "level": float(start[2]),
+        "layers": device.put(found.departures, precision),
+        "lowest": found.lowest_m,
+        "highest": found.highest_m,
+        "level": float(start[2]) - found.base_m,
         "rise": device.put(directions[:, 2], device.wide),
     }
 
@@ -201,6 +203,7 @@ def _kernels(
 ) -> EmissionKernels:
     """Returns the kernel of an emission pass with its options."""
     field = medium.field
+    look_up = None if field.layers is None else field.layers.look_up()
     frequencies, humidity_powers, temperature_powers = tables.coefficients.shape
     return EmissionKernels(
         **march_options(cutoff, ends, medium),
@@ -211,9 +214,7 @@ def _kernels(
         counts=tables.counts,
         veil=bool(tables.veil.any()),
         one_temperature=medium.field.offset is None,
-        layers=None
-        if field.layers is None
-        else 1 << (field.layers.height_m.shape[0].bit_length() - 1),
+        layers=None if look_up is None else look_up.departures.shape[1],
         thin=tables.densest * medium.field.lattice.diagonal_m <= THIN,
         **source.options(ends.facing, tables.sent),
     )

@@ -102,7 +102,7 @@ class TraceSpec(Spec):
         if not moments:  # absorption does not vary, as in even air
             return trace.straight(device, ends, precision)
         varies = any(fit.moments for fit in fits)
-        large = None if field.waves is None else RayMeans.of(field.waves, ends, self.motion)
+        large = None if field.waves is None else RayMeans.of(device, field.waves, ends, self.motion)
         driest = 0.0 if large is None else large.lowest
         guard = _guard(fits, moments, ends, self.cutoff, driest) if varies else None
         medium = trace.medium(device, field, ends, self.motion)

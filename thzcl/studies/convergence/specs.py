@@ -154,7 +154,7 @@ class StepsSpec(Spec):
         paths = trace.trace_steps(device, ends, medium, moments, self.step_m, precision)
         if field.waves is None:
             return paths
-        return RayMeans.of(field.waves, ends, self.motion).added(device, paths)
+        return RayMeans.of(device, field.waves, ends, self.motion).added(device, paths)
 
 
 def by_steps(step_m: float) -> Change:
