@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from thzcl import metrics
 from thzcl.errors import PluginFailure, ScenarioError, UsageError
-from thzcl.graph import Spec, evaluate, rewrite
+from thzcl.graph import Spec, evaluate, everything, rewrite
 from thzcl.plan import checks
 from thzcl.plan.plan import Plan, join, make_plan
 from thzcl.plugins.names import suggest
@@ -206,13 +206,14 @@ def airs(
     random = any(pair.random for pair in pairs)
     some = numbers if random else numbers[:1]
     batches = [[spec for n in group for spec in pairs[n].specs()] for group in groups.values()]
+    held = _the_same_in_all_airs(spec for batch in batches for spec in batch)
     stream = evaluate(
-        (_in_air(batch, spawned(seed, air)) for air in some for batch in batches), device
+        ((*_in_air(batch, spawned(seed, air)), *held) for air in some for batch in batches), device
     )
     kept: list[tuple[int, list[Scenes]]] = []
     for air in some:
         for group, specs in zip(groups.values(), batches, strict=True):
-            values = iter(zip(specs, next(stream), strict=True))
+            values = iter(zip(specs, next(stream), strict=False))
             for number in group:
                 its = spawned(seed, air)
                 found = [_with_noise(one, its) for one in _scenes(pairs[number], values)]
@@ -224,6 +225,20 @@ def airs(
         for number, found in kept:
             other = spawned(seed, air)
             yield air, number, [_with_noise(one, other) for one in found]
+
+
+def _the_same_in_all_airs(wanted: Iterable[Spec]) -> list[Spec]:
+    """Returns the specs that another air leaves as they are, and that others read.
+
+    As part of every batch their values are held from air to air.
+    """
+    moving: set[Spec] = set()
+    held: dict[Spec, None] = {}
+    for spec in everything(wanted):  # inputs first
+        if isinstance(spec, FieldSpec | ImageSpec) or any(one in moving for one in spec.inputs()):
+            moving.add(spec)
+            held |= dict.fromkeys(one for one in spec.inputs() if one not in moving)
+    return list(held)
 
 
 def _with_noise(one: Scenes, seed: int) -> Scenes:
