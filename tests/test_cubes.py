@@ -390,6 +390,9 @@ def expected(grams, kelvin, lattice, data, times=None, steps=200_000):
     names = "position_m", "look_at_m", "focal_length_mm", "focal_plane_mm", "pixels"
     rays = oracle.Camera(*(camera[name] for name in names))
     far = data["background"]["max_range_m"]
+    own = np.full(grams.shape, KELVIN) if kelvin is None else kelvin
+    held = oracle.absorption_per_m(650e9, own, 1013.25, grams)
+    around = oracle.absorption_per_m(650e9, KELVIN, 1013.25, air["absolute_humidity_g_m3"])
     depths, radiances = [], []
     for row in range(camera["pixels"][1]):
         for column in range(camera["pixels"][0]):
@@ -405,11 +408,10 @@ def expected(grams, kelvin, lattice, data, times=None, steps=200_000):
                 else:
                     inside &= (cell[:, axis] >= 0) & (cell[:, axis] < shape[axis])
             x, y, z = np.where(inside[:, None], cell, 0).T
-            rho = np.where(inside, grams[z, y, x], air["absolute_humidity_g_m3"])
             warmth = np.full(steps, KELVIN)
             if kelvin is not None:
                 warmth = np.where(inside, kelvin[z, y, x], KELVIN)
-            tau = oracle.absorption_per_m(650e9, warmth, 1013.25, rho) * far / steps
+            tau = np.where(inside, held[z, y, x], around) * far / steps
             passed = np.exp(-np.concatenate([[0.0], np.cumsum(tau)]))
             depths.append(tau.sum())
             radiances.append(passed[-1] * planck(300.0) - (np.diff(passed) * planck(warmth)).sum())
@@ -477,7 +479,7 @@ def test_light_of_a_transmitter_elsewhere_crosses_a_box_both_ways(tmp_path):
     data |= {"targets": {"wall": WALL}, "numerics": {"precision": "float64"}}
     data["camera"]["pixels"] = [1, 1]
     place = [0.0, 3.0, 1.0]
-    data["sensor"] = ACTIVE | {"transmitter_m": place}
+    data["sensor"] = ACTIVE | {"arrangement": "bistatic", "transmitter_m": place}
     made = run(tmp_path, data)
     back = data | {"background": {"temperature_k": 300.0, "max_range_m": 20.0}}
     far = float(np.hypot(20.0, np.hypot(3.0, 1.0)))
