@@ -268,4 +268,4 @@ def test_a_unit_is_known_to_every_reader_that_is_known_to_one(tmp_path, spelling
     held = grid.read(File("t.nc", path, files.digest(path, files.GRID)), GRID)
     assert held.arrays["temperature_k"] == pytest.approx(AXES[1])
     names, units = ("t", "h2o", "Ux", "Uy", "Ts"), ("s", "g/m3", "m/s", "m/s", spelling)
-    assert columns.find(names, units, "", "here")["Ts"][2:4] == (1.0, 273.15)
+    assert columns.find(names, units, "", "here").by_role["Ts"][2:4] == (1.0, 273.15)

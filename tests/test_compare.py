@@ -348,8 +348,8 @@ def test_what_is_no_number_fails_as_it_does_in_the_image(tmp_path, monkeypatch):
     """A file's NaN says that a model is left out, and nothing else."""
     whole = image._sight  # noqa: SLF001 (nothing else reaches it)
 
-    def holed(spec, pixels, places):
-        sight = whole(spec, pixels, places)
+    def holed(spec, *seen):
+        sight = whole(spec, *seen)
         if isinstance(spec, ComparedSpec):
             sight.contrast[0, 2, 3] = np.nan
         return sight

@@ -163,7 +163,7 @@ def test_a_surface_sends_out_its_row_of_the_table(device, setting, textured):
     STORE(surface_value(&from, first, 3, 2), value + first);
     """
     arrays = {"table": table, "surface": surface, "blend": blend, "value": value}
-    options = ["BILLBOARDS"] if textured else []
+    options = ["BLENDED"] if textured else []
     evaluate(device, ["surfaces/source"], body, arrays, count, setting, options)
     this, following = table[surface, 2].astype(float), table[surface + 1, 2].astype(float)
     if not textured:

@@ -62,8 +62,11 @@ def result_with_uniform_cube(result, grams):
     import dataclasses
 
     from thzcl.results.contents import Cube
+    from thzcl.turbulence.lattice import Lattice
 
-    return dataclasses.replace(result, cubes=(Cube(np.full((16, 16, 16), grams), None, 0.7),))
+    return dataclasses.replace(
+        result, cubes=(Cube(np.full((16, 16, 16), grams), None, Lattice.cubic(16, 0.7)),)
+    )
 
 
 def test_everything_at_one_temperature_is_a_black_body(tmp_path):

@@ -330,7 +330,10 @@ IDLE = {
         {FLOW: {"spectrum": "file", "file": "a.nc", "grid": 64}},
         'grid: is used by spectrum = "kolmogorov" or "von-karman" or "table" only',
     ),
-    "aperture": ({"sensor": ACTIVE | {"aperture_m": 0.1}}, 'used by spreading = "lambert" only'),
+    "aperture": (
+        {"sensor": ACTIVE | {"aperture_m": 0.1}},
+        'is used by spreading or illumination = "lambert" or "beam" only',
+    ),
     "steps": ({"sensor": BROAD | {"step_ghz": 5.0}}, 'step_ghz: is used by quadrature = "paper"'),
     "area": ({"sensor": BROAD | {"aperture_m": 0.1}}, 'is used by throughput = "geometric" only'),
     "rate": (

@@ -27,6 +27,7 @@ ALONG_FACE = "from a voxel's corner along a face's diagonal"
 FINE_NEEDLE = "10 m through voxels of 1 mm, field of view 0.01 deg"
 FINE_WARM = "temperature fluctuating, 10 m through voxels of 1 mm"
 THIN_WARM = "temperature fluctuating, depth of 1e-12"
+RAINY = "rain of 300 mm/h as warm as all else"
 MICROKELVIN, MICROKELVIN_CLEAR = (
     f"contrast of 1 microkelvin{where}" for where in ("", " in clear air")
 )
@@ -113,7 +114,7 @@ def first_over_second(frequency_hz, temperature_k, reference_k):
     return radiometry.radiance_unit(frequency_hz) * photons * -np.expm1(x - other)
 
 
-def absolute(own, reflectivity, seen):
+def absolute(own, reflectivity, seen, *_):
     """Returns what surfaces send by way of radiances that are not relative to the air's."""
     air = radiometry.planck(650e9, 290.0)
     return (1 - reflectivity) * (own + air) + reflectivity * (seen + air) - air
@@ -231,7 +232,7 @@ REMEDIES = {
     ),
     "surfaces as differences from the air": Remedy(
         python(radiance, "_mixed", absolute),
-        [Shows("contrast", (1e-32, 1e-24), ["target, ground and air equal"])],
+        [Shows("contrast", (1e-32, 1e-24), ["target, ground and air equal", RAINY])],
     ),
     "a difference of Planck's that is no subtraction": Remedy(
         python(radiometry, "planck_difference", subtracted(np.expm1)),
@@ -361,7 +362,7 @@ WITHOUT_REMEDY = {
     *(f"target of {kelvin} K" for kelvin in ("2.7", "3000", "1e+06")),
     *("sigma 0", "pressure 1100 hPa", "grid 16", "grid 256"),
     *("from a voxel's corner along the cube's diagonal", "field of view 170 deg"),
-    *("image of 1 x 1", "image of 4096 x 1"),
+    *("image of 1 x 1", "image of 4096 x 1", "depth of fog of 5 g/m3"),
 }
 
 

@@ -227,11 +227,11 @@ class ErrorSpec(Spec):
             finer = self.resolved
             true = finer.planes(finer.exact(expansion), walk, walk.paths(span))
             errors["band-quadrature"] = full - true
-        missed = np.zeros(())
-        if light.weather is not None or light.echo is not None:
-            missed = light.scattering_error(exact, walk, walk.paths(span)[0])
-            errors["scattering"] = missed
-        errors["total"] = ran - true + missed
+        errors["total"] = ran - true
+        if (
+            light.weather is not None or light.echo is not None
+        ):  # it comes on top: no setting mends it
+            errors["scattering"] = light.scattering_error(exact, walk, walk.paths(span)[0])
         parts = {name: light.part(e, walk.weight, contrast) for name, e in errors.items()}
         if not rays.interpolated.any():
             return parts

@@ -132,10 +132,7 @@ def _contrasts() -> list[Case]:
     microkelvin = {"targets.wall": WALL | {"temperature_k": 290.000001}}
     clear = microkelvin | {f"{AIR}.model": "none"}
     walls = {k: {"targets.wall": WALL | {"temperature_k": k}} for k in SOURCES_K}
-    downpour = {
-        f"{AIR}.rain": {"rate_mm_h": 300.0, "temperature_k": 290.0},
-        "targets.wall": WALL | {"temperature_k": 290.0},
-    }
+    downpour = {f"{AIR}.rain": {"rate_mm_h": 300.0, "temperature_k": 290.0}}
     dense = {f"{AIR}.fog": {"liquid_water_g_m3": 5.0}}
     still = (judges.nothing, NOTHING)
     return [
