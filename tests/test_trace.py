@@ -310,7 +310,10 @@ def test_bands_far_apart_do_not_disturb_each_other(device, precision):
     rays = 128
     length = device.put(np.linspace(1, 2000, rays), precision)
     surface, single = device.put(np.zeros(rays, np.int32)), device.empty((1,), precision)
-    none, facing = device.empty((0, rays), precision), Facing(*7 * [single])
+    none, facing = (
+        device.empty((0, rays), precision),
+        Facing(*5 * [single], device.empty((1,), np.int32), single),
+    )
     paths = trace.Paths(length, surface, facing, none, np.zeros(rays, bool))
     coefficients, each, ones = np.array([[1e-4], [1.0]]), np.eye(2), Table(np.ones((1, 2)), None)
     shaded = shade.shade_bands(device, paths, coefficients, ones, each, each, precision)
