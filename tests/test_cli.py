@@ -28,6 +28,7 @@ STAGES = [
     "boxes",
     "billboards",
     "sky",
+    "scattering",
     "outgoing-path",
     "optics",
     "noise",

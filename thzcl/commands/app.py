@@ -138,6 +138,8 @@ def _parsed(command: Any, arguments: Sequence[str]) -> Any:
     try:
         return command.make_context("thzcl", list(arguments))
     except SystemExit as stop:
+        if isinstance(stop.__context__, BrokenPipeError):  # nobody reads the help any more
+            raise
         raise typer.Exit(stop.code if isinstance(stop.code, int) else DONE) from None
 
 
