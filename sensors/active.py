@@ -300,10 +300,8 @@ class Active(Sensor):
         p = self.params
         signal = self._power_w(sight.returned[0])
         of_air = None if sight.path_return is None else self._power_w(sight.path_return[0])
-        if of_air is not None and of_air.any():
+        if of_air is not None:
             signal = signal + of_air
-        else:
-            of_air = None
         grain = self._grain(sight) if p.grained else None
         power = self._received(signal, grain, sight, rng)
         floor = p.full_scale_w * 10 ** (-p.dynamic_range_db / 10)
@@ -339,14 +337,14 @@ class Active(Sensor):
         return np.asarray(power)
 
     def _echo_layers(self, of_air: Array | None) -> dict[str, Layer]:
-        """Returns the power that the air sends back, if it does."""
+        """Returns the power that the air sends back, if a beam may bring any."""
         if of_air is None:
             return {}
         return {"path_return": Layer(of_air, "W", "mean power from rain, fog and snow")}
 
     def _echo_facts(self, of_air: Array | None, signal: Array) -> dict[str, tuple[float, str]]:
         """Returns the mean power that the air sends back, and its part of all, if it does."""
-        if of_air is None:
+        if of_air is None or not of_air.any():
             return {}
         return {
             "echo of the air": (float(of_air.mean()), "W"),
@@ -447,12 +445,12 @@ class Active(Sensor):
     def _caption(self, of_air: Array | None) -> str:
         """Returns what speckle and noise the image has, in words, and which echo of the air."""
         words = self._noise_words()
-        if of_air is None:
+        if of_air is None or not of_air.any():
             return words
         gate_m = self.params.gate_m
         if gate_m is None:
-            return f"{words}, with the echo of the air"
-        return f"{words}, with the echo of the air from {gate_m[0]:g} to {gate_m[1]:+g} m"
+            return f"{words}, echo of the air"
+        return f"{words}, echo of the air from {gate_m[0]:+g} to {gate_m[1]:+g} m"
 
     def _noise_words(self) -> str:
         """Returns what speckle and noise the image has, in words."""

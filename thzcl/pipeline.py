@@ -332,6 +332,9 @@ def _missed(pairs: list[tuple[PlannedVariant, _Made]]) -> list[str]:
             continue
         error = f"error of {total.relative:.1e} of the contrast"
         text = 'remove what [numerics] fixes, or set ray_stride = 1 and precision = "float64"'
+        weather = made.errors.get("scattering")
+        if weather is not None and weather.relative > total.relative / 2:
+            text = "most of it is that of rain, fog or snow in uneven air, which no setting changes"
         if tolerance is not None:
             error += f", tolerance {tolerance:g}"
         found.append(f"{variant.name}: {error}; {text}")

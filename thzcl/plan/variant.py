@@ -393,14 +393,15 @@ class _Planner:
         return AirEcho(air, focused, self.needs.gain == "lambert")
 
     def _echoed(self, setup: Setup, pixels: PixelsSpec) -> PixelsSpec | None:
-        """Returns what the air sends back to pixels that see echoes of surfaces, or None."""
+        """Returns what the air sends back to pixels that see echoes of surfaces, or None.
+
+        It hardly depends on where rays end: of a lattice that samples thin things it needs none.
+        """
         if setup.echo is None:
             return None
-        parts = tuple(
-            replace(part, rays=tuple(setup.echoed(rays) for rays in part.rays))
-            for part in pixels.parts
-        )
-        return replace(pixels, parts=parts)
+        main = pixels.parts[0]
+        rays = tuple(setup.echoed(one) for one in main.rays)
+        return replace(pixels, parts=(replace(main, rays=rays),))
 
     def _calm(self, setup: Setup) -> str:
         """Returns why no weather adds light to rays, or nothing if it does."""

@@ -170,7 +170,8 @@ def _heading(scenario: str, conditions: Sequence[str], width: float) -> str:
 
 def _listed(conditions: Sequence[str]) -> list[str]:
     """Returns conditions with a comma after all but the last, as pieces that are not broken."""
-    return [*(f"{condition}," for condition in conditions[:-1]), *conditions[-1:]]
+    pieces = ", ".join(conditions).split(", ")  # a condition may be several
+    return [*(f"{piece}," for piece in pieces[:-1]), *pieces[-1:]]
 
 
 def _folded(pieces: Iterable[str], width: float, points: float) -> str:
