@@ -201,7 +201,8 @@ def test_in_uneven_air_the_budget_tells_what_even_attenuation_costs(tmp_path, ch
     result = run(tmp_path, data)
     found, line = result.variants[0].sight.path_return, result.error_budget["scattering"]
     assert 0 < line["rms"] < 0.05 * found.max()
-    assert result.error_budget["total"]["rms"] >= 0.9 * line["rms"]
+    told = [warning for warning in result.warnings if "which no setting changes" in warning]
+    assert len(told) == (line["relative"] > 1e-3)
 
 
 def test_scanned_and_moving_air_sends_back_what_it_does_at_each_time(tmp_path):

@@ -25,6 +25,7 @@ SEGMENTS = {
     "quick": 27_184,
     "radiometer": 124_760_895,
     "rain": 25_713,
+    "rain-active": 44_687_486,
     "raster": 59_504,
     "snow": 25_713,
     "slide": 29_799,
@@ -57,7 +58,7 @@ def counted():
     return call
 
 
-SLOW = {"active-noise": pytest.mark.slow}  # eight images through optics
+SLOW = dict.fromkeys(("active-noise", "rain-active"), pytest.mark.slow)  # images through optics
 
 
 @pytest.mark.parametrize("name", [pytest.param(n, marks=SLOW.get(n, ())) for n in shipped()])

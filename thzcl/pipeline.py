@@ -323,21 +323,24 @@ def _errors(pairs: list[tuple[PlannedVariant, _Made]]) -> dict[str, dict[str, An
 def _missed(pairs: list[tuple[PlannedVariant, _Made]]) -> list[str]:
     """Returns a warning for each variant whose measured error is larger than can be borne.
 
-    That is its tolerance, or USUAL_TOLERANCE where it names none.
+    That is its tolerance, or USUAL_TOLERANCE where it names none. What is simplified of weather is
+    told apart, since it is no part of the total.
     """
+    remedies = {
+        "total": 'remove what [numerics] fixes, or set ray_stride = 1 and precision = "float64"',
+        "scattering": "that of rain, fog or snow in uneven air, which no setting changes",
+    }
     found = []
     for variant, made in pairs:
-        tolerance, total = variant.scene.numerics.tolerance, made.errors.get("total")
-        if total is None or total.relative <= (tolerance or USUAL_TOLERANCE):
-            continue
-        error = f"error of {total.relative:.1e} of the contrast"
-        text = 'remove what [numerics] fixes, or set ray_stride = 1 and precision = "float64"'
-        weather = made.errors.get("scattering")
-        if weather is not None and weather.relative > total.relative / 2:
-            text = "most of it is that of rain, fog or snow in uneven air, which no setting changes"
-        if tolerance is not None:
-            error += f", tolerance {tolerance:g}"
-        found.append(f"{variant.name}: {error}; {text}")
+        tolerance = variant.scene.numerics.tolerance
+        for name, text in remedies.items():
+            part = made.errors.get(name)
+            if part is None or part.relative <= (tolerance or USUAL_TOLERANCE):
+                continue
+            error = f"error of {part.relative:.1e} of the contrast"
+            if tolerance is not None:
+                error += f", tolerance {tolerance:g}"
+            found.append(f"{variant.name}: {error}; {text}")
     return found
 
 
