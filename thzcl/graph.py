@@ -7,7 +7,7 @@ the air or another setting is another graph, which `rewrite` makes from a given 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from itertools import chain, pairwise
 from typing import Any, ClassVar, NamedTuple, Protocol, TypeVar, cast, dataclass_transform
@@ -132,7 +132,7 @@ class Finishing(Protocol):
 
 
 def everything(
-    wanted: Iterable[Spec], known: Iterable[Spec] = (), specs: dict[Spec, None] | None = None
+    wanted: Iterable[Spec], known: Collection[Any] = (), specs: dict[Spec, None] | None = None
 ) -> dict[Spec, None]:
     """Returns the distinct specs of a graph, inputs first, added to `specs`.
 
@@ -146,19 +146,22 @@ def everything(
     return specs
 
 
-def rewrite(wanted: Iterable[Any], change: Callable[[Any], Any]) -> tuple[Any, ...]:
+def rewrite(
+    wanted: Iterable[Any], change: Callable[[Any], Any], same: Iterable[Spec] = ()
+) -> tuple[Any, ...]:
     """Returns the wanted specs with `change` applied once to each spec of their graph.
 
     Inputs are changed before the specs that read them. Specs that were equal are one object
-    afterwards, so that comparing and pickling stay cheap.
+    afterwards, so that comparing and pickling stay cheap. Specs in `same`, which `change` would
+    leave as they are with all that they read, are not visited.
     """
     wanted = tuple(wanted)
-    new: dict[Spec | None, Any] = {None: None}
+    new: dict[Spec | None, Any] = {None: None, **{spec: spec for spec in same}}
 
     def renewed(value: Any) -> Any:
         return tuple(new[one] for one in value) if isinstance(value, tuple) else new[value]
 
-    for spec in everything(wanted):
+    for spec in everything(wanted, new.keys()):
         renewed_inputs = {name: renewed(getattr(spec, name)) for name in spec.reads}
         new[spec] = change(replace(spec, **renewed_inputs))  # type: ignore[type-var]
     return tuple(new[spec] for spec in wanted)

@@ -355,25 +355,29 @@ def computed_together(
     )
     half = asked.airs // 2
     training: dict[tuple[int, str], Training] = {}
+    observers: dict[tuple[int, str], Observer] = {}
+    draws: dict[tuple[int, str], tuple[int, str]] = {}
+    null: dict[tuple[int, str], list[list[float]]] = {}
+    present: dict[tuple[int, str], list[list[float]]] = {}
     pixels: dict[int, float] = {}
-    for _, number, scenes in airs(pairs, range(half), asked.seed, device):
-        for one in scenes:
-            _learn(training.setdefault((number, one.model), Training()), one)
-        flags = scenes[0].present.target
-        flag = _flag(pairs[number], asked.base.target)
-        pixels[number] = float((flags == flag).sum())
-    _refuse_unseen(asked, pairs, pixels)
-    observers = {key: _observer(asked, pairs[key[0]], one) for key, one in training.items()}
-    draws = {key: _draws(asked, pairs[key[0]], one) for key, one in observers.items()}
-    null: dict[tuple[int, str], list[list[float]]] = {key: [] for key in observers}
-    present: dict[tuple[int, str], list[list[float]]] = {key: [] for key in observers}
-    for _, number, scenes in airs(pairs, range(half, asked.airs), asked.seed, device):
+    for air, number, scenes in airs(pairs, range(asked.airs), asked.seed, device):
+        if air == 0:
+            shown = scenes[0].present.target == _flag(pairs[number], asked.base.target)
+            pixels[number] = float(shown.sum())
+            _refuse_unseen(asked, pairs[number], pixels[number])
         for one in scenes:
             key = number, one.model
-            count = range(draws[key][0])
-            see = observers[key].statistic
-            null[key].append([see(one.image(one.absent, 2 * d)) for d in count])
-            present[key].append([see(one.image(one.present, 2 * d + 1)) for d in count])
+            if air < half:
+                _learn(training.setdefault(key, Training()), one)
+                continue
+            if key not in observers:
+                observers[key] = _observer(asked, pairs[number], training.pop(key))
+                draws[key] = _draws(asked, pairs[number], observers[key])
+            count, see = range(draws[key][0]), observers[key].statistic
+            null.setdefault(key, []).append([see(one.image(one.absent, 2 * d)) for d in count])
+            present.setdefault(key, []).append(
+                [see(one.image(one.present, 2 * d + 1)) for d in count]
+            )
     found: dict[float, list[Samples]] = {range_m: [] for range_m in some}
     for key, observer in observers.items():
         pair, arrays = pairs[key[0]], (np.array(null[key]), np.array(present[key]))
@@ -400,13 +404,12 @@ def _flag(pair: Pair, target: str) -> int:
     return metrics.FIRST_TARGET + pair.present.scenario.targets.index(target)
 
 
-def _refuse_unseen(asked: Question, pairs: list[Pair], pixels: Mapping[int, float]) -> None:
+def _refuse_unseen(asked: Question, pair: Pair, pixels: float) -> None:
     """Raises ScenarioError where no pixel shows the target."""
-    for number, count in pixels.items():
-        if not count:
-            where = f"at {pairs[number].range_m:g} m no pixel shows {asked.base.target}"
-            text = "something hides it, or it is too small; shorten --ranges, or give more pixels"
-            raise ScenarioError([f"{asked.base.document.label}: {where}: {text}"])
+    if not pixels:
+        where = f"at {pair.range_m:g} m no pixel shows {asked.base.target}"
+        text = "something hides it, or it is too small; shorten --ranges, or give more pixels"
+        raise ScenarioError([f"{asked.base.document.label}: {where}: {text}"])
 
 
 def _observer(asked: Question, pair: Pair, training: Training) -> Observer:

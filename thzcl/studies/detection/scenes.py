@@ -208,7 +208,8 @@ def airs(
     batches = [[spec for n in group for spec in pairs[n].specs()] for group in groups.values()]
     held = _the_same_in_all_airs(spec for batch in batches for spec in batch)
     stream = evaluate(
-        ((*_in_air(batch, spawned(seed, air)), *held) for air in some for batch in batches), device
+        ((*_in_air(batch, spawned(seed, air), held), *held) for air in some for batch in batches),
+        device,
     )
     kept: list[tuple[int, list[Scenes]]] = []
     for air in some:
@@ -246,8 +247,8 @@ def _with_noise(one: Scenes, seed: int) -> Scenes:
     return replace(one, whole=replace(one.whole, noise=noise))
 
 
-def _in_air(specs: list[Spec], seed: int) -> tuple[Any, ...]:
-    """Returns specs with another seed of the air and of the noise."""
+def _in_air(specs: list[Spec], seed: int, same: list[Spec]) -> tuple[Any, ...]:
+    """Returns specs with another seed of the air and of the noise, which some do not depend on."""
 
     def change(spec: Any) -> Any:
         if isinstance(spec, FieldSpec):
@@ -256,7 +257,7 @@ def _in_air(specs: list[Spec], seed: int) -> tuple[Any, ...]:
             return replace(spec, noise=replace(spec.noise, seed=seed))
         return spec
 
-    return rewrite(specs, change)
+    return rewrite(specs, change, same)
 
 
 def _scenes(pair: Pair, values: Iterator[tuple[Any, Any]]) -> list[Scenes]:
