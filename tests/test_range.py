@@ -213,6 +213,30 @@ def test_ends_of_probability_are_one_sided():
     assert never.value == never.low == 0 and never.high == pytest.approx(1 - 0.025 ** (1 / 50))
 
 
+def reach_of(seed, scale_m=30.0, probability=0.9):
+    """A range at a probability, where d' falls as 12 exp(-R / scale) and ranges share their airs."""
+    rng, places = np.random.default_rng(seed), np.arange(20.0, 121.0, 20.0)
+    often, shared, found = intervals.counts(50, seed), rng.normal(size=(50, 1)), []
+    for place in places:
+        null = 0.8 * shared + 0.6 * rng.normal(size=(50, 1))
+        present = 12 * np.exp(-place / scale_m) + null + 0.2 * rng.normal(size=(50, 1))
+        found.append(intervals.detect(null, present, 0.01, intervals.NORMAL, often))
+    return intervals.reach(places, found, probability)
+
+
+def test_the_interval_of_a_range_holds_the_truth():
+    truth = 30 * np.log(12 / (norm.ppf(0.9) + norm.isf(0.01)))
+    found = [reach_of(seed) for seed in range(40)]
+    assert all(one.low < one.range_m < one.high for one in found)
+    assert sum(one.low <= truth <= one.high for one in found) >= 33
+
+
+def test_a_range_may_be_nearer_or_farther_than_asked():
+    near, far = reach_of(1, scale_m=6.0), reach_of(1, scale_m=900.0)
+    assert (near.range_m, near.low, near.note) == (None, None, "not reached")
+    assert (far.range_m, far.high, far.note) == (None, None, "farther than asked")
+
+
 def test_draws_are_as_many_as_a_rate_of_false_alarms_takes():
     assert intervals.draws_needed(50, 0.01, 0.0) == 20
     assert intervals.draws_needed(50, 0.01, 0.04) == 96

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +22,7 @@ LEVEL = 0.975  # of each end
 NULLS = 10  # null samples beyond the threshold that an empirical quantile needs
 FEWEST_AIRS = 10
 MOST_DRAWS = 256
+_OF_A_LAW = 10**12  # as many samples as leave a law's own probabilities as they are
 WIDER = 1.05  # replicates of a range: Student's law over the normal one, for 50 airs
 EMPIRICAL, NORMAL, GAMMA = "empirical", "normal", "gamma"
 
@@ -39,8 +40,8 @@ class Detection:
     """How well a target is detected at one range.
 
     `tail` says what the threshold comes from: "empirical" null samples, or a "normal" or "gamma"
-    law, whose fit to the nulls has the probability `fit` (None for empirical). `replicates` are
-    those of the probability, on the probit scale, (replicate,).
+    law, whose fit to the nulls has the probability `fit` (None for empirical). `probit` is the
+    probability on the probit scale, and `replicates` (replicate,) are its own.
     """
 
     probability: Estimate
@@ -48,6 +49,7 @@ class Detection:
     area: Estimate
     tail: str
     fit: float | None
+    probit: float
     replicates: Array
 
 
@@ -94,13 +96,15 @@ def detect(
         area = _probit(_areas(*samples, np.vstack([np.ones(len(null)), often])), null.size)
     airs = len(null)
     wide = widening(airs)
-    z, zs = float(_probit(found, airs)[0]), _probit(again, airs)
+    count = present.size if tail == EMPIRICAL else _OF_A_LAW
+    z, zs = float(_probit(found, count)[0]), _probit(again, count)
     return Detection(
         _near_ends(_back(_interval(z, zs, wide), float(found[0])), airs),
         _interval(float(d_prime[0]), d_prime[1:], wide),
         _back(_interval(float(area[0]), area[1:], wide)),
         tail,
-        None if tail == EMPIRICAL else _fit(samples[0], tail, sign),
+        None if tail == EMPIRICAL else _fit(null, tail),
+        z,
         zs,
     )
 
@@ -234,7 +238,7 @@ def _areas(null: Array, present: Array, often: Array) -> Array:
     return found
 
 
-def _fit(null: Array, tail: str, sign: float) -> float | None:
+def _fit(null: Array, tail: str) -> float | None:
     """Returns how probable nulls as far from a law are: one sample of each air, that law fitted.
 
     It is by Shapiro and Wilk (1965) for a normal law. A gamma law's is that of Kolmogorov and
@@ -247,10 +251,9 @@ def _fit(null: Array, tail: str, sign: float) -> float | None:
         return None
     if tail == NORMAL:
         return float(stats.shapiro(values).pvalue)
-    positive: Any = sign * values
-    mean, variance = positive.mean(), positive.var(ddof=1)
+    mean, variance = values.mean(), values.var(ddof=1)
     law = stats.gamma(mean**2 / variance, scale=variance / mean)
-    return float(stats.kstest(positive, law.cdf).pvalue)
+    return float(stats.kstest(values, law.cdf).pvalue)
 
 
 @dataclass(frozen=True)
@@ -269,29 +272,29 @@ class Reach:
 def reach(range_m: Array, found: list[Detection], probability: float) -> Reach:
     """Returns the range up to which a target is detected with a probability.
 
-    Probabilities are fitted by the nearest that do not rise with range (isotonic regression), and
-    joined by lines over the logarithm of range. The interval is that of the bootstrap's replicates,
-    in which an air is redrawn at all ranges together.
+    Probabilities are fitted on the probit scale by the nearest that do not rise with range
+    (isotonic regression), and joined by lines over the logarithm of range. The interval is that of
+    the bootstrap's replicates, in which an air is redrawn at all ranges together.
     """
-    from scipy.special import ndtr
+    from scipy.special import ndtri
 
-    estimates = np.array([one.probability.value for one in found])
-    airs_wide = np.array([one.replicates for one in found])  # (range, replicate)
-    middle = _crossing(range_m, estimates, probability)
-    centre = airs_wide.mean(1, keepdims=True)
-    replicates = ndtr(centre + WIDER * (airs_wide - centre)).T
-    crossings = np.array([_crossing(range_m, one, probability) for one in replicates])
+    estimates = np.array([one.probit for one in found])
+    every = np.array([one.replicates for one in found]).T  # (replicate, range)
+    wanted = float(ndtri(probability))
+    middle = _crossing(range_m, estimates, wanted)
+    spread = estimates + WIDER * (every - estimates)
+    crossings = np.array([_crossing(range_m, one, wanted) for one in spread])
     low, high = np.quantile(crossings, [1 - LEVEL, LEVEL], method="nearest")
     note = "" if np.isfinite(middle) else "not reached" if middle < 0 else "farther than asked"
     known = [float(v) if np.isfinite(v) else None for v in (middle, low, high)]
     return Reach(known[0], known[1], known[2], note)
 
 
-def _crossing(range_m: Array, probabilities: Array, wanted: float) -> float:
-    """Returns where probabilities fall below the one wanted; -inf or inf outside the ranges."""
+def _crossing(range_m: Array, probits: Array, wanted: float) -> float:
+    """Returns where values fall below the one wanted; -inf or inf outside the ranges."""
     from scipy.optimize import isotonic_regression
 
-    fitted = isotonic_regression(probabilities, increasing=False).x
+    fitted = isotonic_regression(probits, increasing=False).x
     if fitted[0] < wanted:
         return -math.inf
     if fitted[-1] >= wanted:
