@@ -34,6 +34,8 @@ COMMANDS = {
     "attenuation-temperature": f"{SPECTRUM} 350,650,850 --temperature-k 253.15:313.15:1 "
     "--figure attenuation-temperature.png",
     "models": "thzcl absorption --validation --figure models.png",
+    "lookout-range": "thzcl range lookout --target person --frequency-ghz 340,650,"
+    "850 --probability 0.95 --ranges 40:160:20 --air 40 --seed 1",
     "figure6-convergence": "thzcl convergence figure6",
     "figure7-convergence": "thzcl convergence figure7",
     **{

@@ -214,7 +214,7 @@ def test_ends_of_probability_are_one_sided():
 
 
 def reach_of(seed, scale_m=30.0, probability=0.9):
-    """A range at a probability, where d' falls as 12 exp(-R / scale) and ranges share their airs."""
+    """A range at a probability; d' falls as 12 exp(-R / scale), and ranges share their airs."""
     rng, places = np.random.default_rng(seed), np.arange(20.0, 121.0, 20.0)
     often, shared, found = intervals.counts(50, seed), rng.normal(size=(50, 1)), []
     for place in places:
