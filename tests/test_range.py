@@ -136,6 +136,17 @@ def test_air_that_fluctuates_is_clutter_and_its_law_is_named(tmp_path, device):
     assert any("10 test airs are fewer than the 1000 null samples" in n for n in found.notes)
 
 
+def test_rain_is_part_of_what_air_absorbs(tmp_path, device):
+    """Without it and the gas the target shows as in no air at all."""
+    dry, rainy = (
+        asked(tmp_path, target(**changes), device, ranges=[40.0], air=20).as_json()
+        for changes in ({}, {"atmosphere__rain": {"rate_mm_h": 99.0, "temperature_k": 290.0}})
+    )
+    one, other = (told["losses"][0]["absorption"][0] for told in (dry, rainy))
+    assert other == pytest.approx(one, rel=0.15)
+    assert rainy["curves"][0]["d_prime"][0] < 0.8 * dry["curves"][0]["d_prime"][0]
+
+
 def test_path_radiance_that_makes_contrast_is_told_of(tmp_path, device):
     """A plate at the temperature of what is far behind it shows by the air between."""
     wall = {"kind": "box", "center_m": [120.5, 0.0, 1.2], "size_m": [1.0, 99.0, 99.0],

@@ -42,6 +42,7 @@ CLEAR = {
     "atmosphere.model": "none",
     "atmosphere.compare": None,
     "atmosphere.model_file": None,
+    **dict.fromkeys(("atmosphere.rain", "atmosphere.fog", "atmosphere.snow")),
 }
 
 
