@@ -302,6 +302,36 @@ def test_realizations_are_refused_and_the_table_is_no_part_of_an_image(tmp_path)
         documents.parse(documents.read(bad))
 
 
+def test_targets_are_detected_over_the_seeds(tmp_path, device):
+    """As `thzcl range` tells it of a target that stands where the scene has it."""
+    data = scene(**SMALL)
+    data["targets"]["box"]["temperature_k"] = 287.0
+    camera, box = data["camera"], data["targets"]["box"]
+    camera["look_at_m"] = box["center_m"]
+    source = write(tmp_path, data)
+    asked = {"over": {HUMID: [30.0, 70.0]}, "seeds": 20, "seed": 4, "device": device}
+    thzcl.study(source, tmp_path / "s", settings={"study.detect": ["box"]}, **asked)
+    table = rows(tmp_path / "s")
+    for humid in (30.0, 70.0):
+        mine = [r for r in table if float(r[HUMID]) == humid and r["target"] == "box"]
+        assert len(mine) == 20 and len({r["d_prime"] for r in mine}) == 1
+        told = {name: float(mine[0][name]) for name in ("d_prime", "d_prime_low", "area")}
+        away = math.dist(camera["position_m"], box["center_m"])
+        answer = thzcl.detection_range(
+            source, "box", ranges=[away], air=20, seed=4, settings={HUMID: humid}, device=device
+        )
+        (one,) = answer.curves[0].found
+        assert told["d_prime"] == pytest.approx(one.d_prime.value, rel=1e-3)
+        assert told["area"] == pytest.approx(one.area.value, rel=1e-3)
+    assert all(r["d_prime"] == "" for r in table if r["target"] == "ground")
+    with pytest.raises(UsageError, match="at least 10 seeds"):
+        thzcl.study(source, tmp_path / "t", settings={"study.detect": ["box"]},
+                    over={HUMID: [30.0]}, seeds=9)  # fmt: skip
+    with pytest.raises(UsageError, match="bx: no such target"):
+        thzcl.study(source, tmp_path / "t", settings={"study.detect": ["bx"]},
+                    over={HUMID: [30.0]}, seeds=10)  # fmt: skip
+
+
 @pytest.mark.slow
 def test_a_killed_study_goes_on_where_it_was(tmp_path):
     source, out = small(tmp_path, camera__pixels=[64, 48]), tmp_path / "out"

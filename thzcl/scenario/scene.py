@@ -357,6 +357,11 @@ class StudyTable(Table):
     keep: Literal["numbers", "images"] = key(
         "numbers", help="whether a member's file holds its numbers alone, or its images too"
     )
+    detect: tuple[str, ...] = key(
+        (),
+        help="targets whose d' and area under the ROC are told, over at least 10 seeds, each of "
+        "which is then seen without the target too",
+    )
     keep_pixels: bool = key(
         False, help="the focal length follows range_m, so that targets cover as many pixels"
     )

@@ -39,16 +39,26 @@ class RangeRefusedError(ValueError):
 class Base:
     """The scene that is asked about: one variant's data, the target, and the sensor's frequency.
 
-    `key` is the dotted key of the frequency that `--frequency-ghz` sets, or None.
+    `key` is the dotted key of the frequency that `--frequency-ghz` sets, or None. If the target
+    does not `move`, it stays where it is, whatever range is asked for.
     """
 
     document: Document
     target: str
     key: str | None
     allow_outside: bool
+    moves: bool = True
 
     @classmethod
-    def of(cls, document: Document, variants: tuple[str, ...], target: str, outside: bool) -> Base:
+    def of(
+        cls,
+        document: Document,
+        variants: tuple[str, ...],
+        target: str,
+        outside: bool,
+        *,
+        moves: bool = True,
+    ) -> Base:
         """Returns the scene of one variant. Raises UsageError or ScenarioError."""
         scenes = documents.by_variant(document)
         chosen = variants or tuple(scenes)
@@ -67,7 +77,7 @@ class Base:
         if data.get("numerics", {}).get("realizations", 1) > 1:
             text = "[numerics] realizations is refused here: --air N is that"
             raise ScenarioError([f"{document.label}: {text}"])
-        return cls(alone, target, _frequency_key(data["sensor"], "sensor"), outside)
+        return cls(alone, target, _frequency_key(data["sensor"], "sensor"), outside, moves)
 
     @property
     def own_ghz(self) -> float | None:
@@ -85,14 +95,14 @@ class Base:
         data = self.document.data
         place = data["camera"], data["targets"][self.target], self.target, range_m, False
         try:
-            moved = placing.at_range(*place)
+            moved = placing.at_range(*place) if self.moves else {}
         except ValueError as error:
             raise RangeRefusedError(str(error)) from None
         changes = moved | {"numerics.error_budget": False} | dict(settings)
         document = documents.changed(self.document, changes, {})
         scene = documents.parse(document, allow_outside=self.allow_outside).variants[0].scene
         seen = placing.outline(scene.camera, scene.targets[self.target])
-        if not seen.within:
+        if self.moves and not seen.within:
             text = f"at {range_m:g} m {self.target} overfills the picture; give a longer range"
             raise RangeRefusedError(text)
         samples = placing.samples(scene.camera, seen)

@@ -61,6 +61,7 @@ class Study:
     keep: str = "numbers"
     keep_pixels: bool = False
     allow_outside: bool = False
+    detect: tuple[str, ...] = ()
     points: tuple[dict[str, Any], ...] = field(init=False, compare=False)
 
     def __post_init__(self) -> None:
@@ -103,6 +104,7 @@ class Study:
             "seed": self.seed,
             "keep": self.keep,
             "keep_pixels": self.keep_pixels,
+            "detect": list(self.detect),
         }
 
     def name(self, member: Member) -> str:
@@ -114,7 +116,9 @@ class Study:
     @cached_property
     def _common(self) -> str:
         """Returns what all members depend on, as text."""
-        return json.dumps(self.identity | {"over": None}, sort_keys=True, default=str)
+        return json.dumps(
+            self.identity | {"over": None, "detect": None}, sort_keys=True, default=str
+        )
 
     def scene(self, member: Member) -> Document:
         """Returns the document of a member. Raises ScenarioError."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import json
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from pathlib import Path
 from tempfile import NamedTemporaryFile
@@ -17,6 +17,8 @@ from thzcl.results.rows import KEYS, METRICS
 from thzcl.studies.many.members import Study
 
 DESCRIPTION, INDEX, MEMBERS = "study.json", "index.csv", "members"
+DETECTION = "detection"
+STRENGTHS = ("d_prime", "d_prime_low", "d_prime_high", "area", "area_low", "area_high")
 OWN = ("seed", "state", "seconds")
 
 
@@ -79,6 +81,19 @@ class Store:
             self.members / f"{name}.json", lambda part: part.write_text(text, encoding="utf-8")
         )
 
+    def detected(self, name: str) -> dict[str, Any] | None:
+        """Returns what a file of d' and area holds, or None if there is none."""
+        return self._read(self.folder / DETECTION / f"{name}.json")
+
+    def write_detection(self, name: str, found: dict[str, Any]) -> None:
+        """Writes a file of d' and area, whole or not at all. Raises OSError."""
+        (self.folder / DETECTION).mkdir(exist_ok=True)
+        text = json.dumps(found, indent=1)
+        write_whole(
+            self.folder / DETECTION / f"{name}.json",
+            lambda part: part.write_text(text, encoding="utf-8"),
+        )
+
     def records(self) -> Iterator[dict[str, Any]]:
         """Yields what the members' files hold, by number; a file that cannot be read is no file."""
         for path in sorted(self.members.glob("*.json"), key=_number):
@@ -93,23 +108,40 @@ class Store:
             return None
         return found if isinstance(found, dict) and "state" in found else None
 
-    def write_index(self, keys: tuple[str, ...]) -> dict[str, int]:
+    def write_index(self, keys: tuple[str, ...], detections: Sequence[str] = ()) -> dict[str, int]:
         """Writes the table of all members, made from their files; returns how many are in a state.
 
-        `keys` are the settings that are varied. Raises OSError.
+        `keys` are the settings that are varied, `detections` the names of the files of d' and area by
+        the point of the grid. Raises OSError.
         """
         counts: dict[str, int] = {}
+        told = self._strengths(detections)
+        more = STRENGTHS if detections else ()
 
         def write(part: Path) -> None:
             with part.open("w", encoding="utf-8", newline="") as file:
                 writer = csv.writer(file, lineterminator="\n")
-                writer.writerow(("member", *keys, *OWN, *KEYS, *METRICS, "message"))
+                writer.writerow(("member", *keys, *OWN, *KEYS, *METRICS, *more, "message"))
                 for found in self.records():
                     counts[found["state"]] = counts.get(found["state"], 0) + 1
-                    writer.writerows(_rows(found, keys))
+                    point = found["member"] % max(len(detections), 1)
+                    for row in found["rows"]:
+                        key = point, *(row[name] for name in ("variant", "target", "model"))
+                        row.update(told.get(key, {}))
+                    writer.writerows(_rows(found, keys, more))
 
         write_whole(self.index, write)
         return counts
+
+    def _strengths(self, names: Sequence[str]) -> dict[tuple[Any, ...], dict[str, Any]]:
+        """Returns d' and area by point, variant, target and model."""
+        files = ((point, self.detected(name)) for point, name in enumerate(names))
+        return {
+            (point, row["variant"], row["target"], row["model"]): row
+            for point, found in files
+            if found is not None
+            for row in found["rows"]
+        }
 
 
 def _number(path: Path) -> tuple[int, str]:
@@ -117,12 +149,14 @@ def _number(path: Path) -> tuple[int, str]:
     return (int(number) if number.isdecimal() else -1), path.name
 
 
-def _rows(found: dict[str, Any], keys: tuple[str, ...]) -> Iterator[list[Any]]:
+def _rows(
+    found: dict[str, Any], keys: tuple[str, ...], more: tuple[str, ...]
+) -> Iterator[list[Any]]:
     """Yields the rows of one member: of one without numbers a single one."""
     settings = [_cell(found["settings"].get(key)) for key in keys]
     first = [found["member"], *settings, *(found[name] for name in OWN)]
     for row in found["rows"] or [{}]:
-        yield [*first, *(row.get(name) for name in (*KEYS, *METRICS)), found["message"]]
+        yield [*first, *(row.get(name) for name in (*KEYS, *METRICS, *more)), found["message"]]
 
 
 def _cell(value: Any) -> Any:

@@ -12,6 +12,7 @@ from thzcl.clock import Progress
 from thzcl.errors import UsageError
 from thzcl.files import make_folder
 from thzcl.scenario import document as documents
+from thzcl.studies.many import detect
 from thzcl.studies.many import grid as grids
 from thzcl.studies.many import members as scenes
 from thzcl.studies.many.compute import DONE, Record, Task, members
@@ -83,12 +84,15 @@ def study(
     if whole.count > MOST_UNASKED and not yes:
         raise UsageError(f"{whole.count} members; say --yes if that is meant")
     scenes.refuse_unknown(whole, given_by)
+    detect.refuse(whole)
     numbers = _part(whole.count, shard)
     store.claim(whole)
     try:
         _compute(whole, store, numbers, device, dask, workers, progress)
+        if whole.detect and (shard is None or shard[0] == 1):
+            detect.detect(whole, store, _opened(device), progress)
     finally:
-        states = store.write_index(whole.keys)
+        states = store.write_index(whole.keys, detect.names(whole))
     return StudyResult(store.folder, store.index, whole.count, states, seed)
 
 
@@ -121,9 +125,9 @@ def described(
     if keep not in (None, "numbers", "images"):
         raise UsageError(f'keep = "{keep}": must be "numbers" or "images"')
     keep_pixels = table is not None and table.keep_pixels
-    return Study(
-        document, tuple(variants), axes, seeds, seed, keep or "numbers", keep_pixels, allow_outside
-    )
+    targets = () if table is None else table.detect
+    whole = axes, seeds, seed, keep or "numbers", keep_pixels, allow_outside, targets
+    return Study(document, tuple(variants), *whole)
 
 
 def _part(count: int, shard: tuple[int, int] | None) -> range:
@@ -175,13 +179,18 @@ def _compute(
             progress(f"{count + 1} of {total} members{failed}")
 
 
+def _opened(device: str | Device | None) -> Device:
+    """Returns an open device: the one that is given, or that of a name."""
+    from thzcl.device.choose import open_device
+    from thzcl.device.opencl import Device
+
+    return device if isinstance(device, Device) else open_device(device)
+
+
 def _here(
     whole: Study, todo: Iterable[Task], folder: Path, device: str | Device | None
 ) -> Iterator[Record]:
     """Yields the records of members that are computed in this process."""
-    from thzcl.device.choose import open_device
-    from thzcl.device.opencl import Device
-
-    opened = device if isinstance(device, Device) else open_device(device)
+    opened = _opened(device)
     for task in todo:
         yield from members(whole, task.group, task.wanted, folder, opened)
