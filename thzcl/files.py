@@ -45,6 +45,7 @@ PICTURE = Kind(64_000_000, "give a PNG or TIFF of 8 or 16 bit, or a .npy array")
 CUBE = Kind(8_000_000_000, "give a NetCDF-4 file with absolute_humidity(z, y, x)")
 TABLE = Kind(64_000_000, "give comma-separated numbers")
 PROFILE = Kind(4_000_000, "give comma-separated columns with their names in the first line")
+MESH = Kind(512_000_000, "give a mesh: OBJ, STL, PLY, GLB, or NPZ with vertices and faces")
 GRID = Kind(512_000_000, "give a NetCDF-4 file with a variable over named axes")
 
 

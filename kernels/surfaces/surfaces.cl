@@ -47,6 +47,9 @@ typedef struct {
     __constant texture *textures;
     __global const float *texels;
     int billboard_count;
+#ifdef MESHES
+    mesh meshes;
+#endif
 } things;
 
 // Cuts the stretch enter ... leave of a ray down to its part between two parallel faces, where
@@ -167,6 +170,49 @@ static hit nothing_met(point origin, point d, wide norm, wide max_range, wide ce
     return nearest;
 }
 
+#ifdef MESHES
+// A normal of a triangle, twice as long as its area.
+static point triangle_normal(const mesh *all, int triangle)
+{
+    const int4 t = all->triangles[triangle];
+    __global const wide *a = all->vertices + 3 * t.x, *b = all->vertices + 3 * t.y,
+                        *c = all->vertices + 3 * t.z;
+    const point one = {b[0] - a[0], b[1] - a[1], b[2] - a[2]},
+                other = {c[0] - a[0], c[1] - a[1], c[2] - a[2]};
+    const point n = {one.y * other.z - one.z * other.y, one.z * other.x - one.x * other.z,
+                     one.x * other.y - one.y * other.x};
+    return n;
+}
+
+// Records the nearest triangle of all meshes in `nearest` if the ray meets it sooner.
+static void meet_meshes(const mesh *all, point origin, point direction, wide norm, hit *nearest)
+{
+    const wide o[3] = {origin.x, origin.y, origin.z}, d[3] = {direction.x, direction.y, direction.z};
+    const shot ray = shot_of(o, d);
+    strike met = {nearest->reach, -1, 0, 0, 0};
+    meet_triangles(all, &ray, &met);
+    if (met.triangle < 0) return;
+    const point n = triangle_normal(all, met.triangle);
+    const wide across = n.x * d[0] + n.y * d[1] + n.z * d[2];
+    const wide size = sqrt(n.x * n.x + n.y * n.y + n.z * n.z);
+    const wide towards = across < 0 ? 1 / size : -1 / size;
+    nearest->reach = met.reach;
+    nearest->surface = all->triangles[met.triangle].w;
+    nearest->blend = 0;
+    nearest->cosine = min(fabs(across) / (size * norm), (wide)1);
+    nearest->upward = towards * n.z;
+    nearest->east = towards * n.x;
+    nearest->north = towards * n.y;
+#ifdef TEMPERED
+    __global const float *level = all->levels + 3 * met.triangle;
+    const wide beyond = met.u * level[0] + met.v * level[1] + met.w * level[2];
+    const int below = max((int)beyond, 0);
+    nearest->surface += below;
+    nearest->blend = max(beyond - below, (wide)0);
+#endif
+}
+#endif
+
 static void meet_all(const things *all, point origin, point direction, wide norm, hit *nearest)
 {
 #ifdef GROUND
@@ -189,7 +235,26 @@ static void meet_all(const things *all, point origin, point direction, wide norm
         meet_billboard(all->billboards + b, all->textures + b, all->texels, origin, direction, norm,
                        nearest);
 #endif
+#ifdef MESHES
+    meet_meshes(&all->meshes, origin, direction, norm, nearest);
+#endif
 }
+
+// The parameters of a kernel that finds what rays meet, and the struct made of them.
+#define THINGS_PARAMETERS                                                                          \
+    __constant box *boxes, __constant int2 *stripes, int box_count,                                \
+    __constant billboard *billboards, __constant texture *textures,                                \
+    __global const float *texels, int billboard_count, __global const float *mesh_boxes,           \
+    __global const int2 *mesh_links, __global const int4 *mesh_triangles,                          \
+    __global const wide *mesh_vertices, __global const float *mesh_levels
+#ifdef MESHES
+#define THINGS                                                                                     \
+    {boxes, stripes, box_count, billboards, textures, texels, billboard_count,                     \
+     {mesh_boxes, mesh_links, mesh_triangles, mesh_vertices, mesh_levels}}
+#else
+#define THINGS {boxes, stripes, box_count, billboards, textures, texels, billboard_count}
+#endif
+
 
 // How far beside a surface, over the way to it, a ray begins that leaves it.
 #ifdef WIDE
@@ -228,9 +293,7 @@ static inline wide part_across(point d, wide norm, const hit *met, __constant wi
 // field along `polarization` in the image that stands across the plane of incidence. Of the mirrored
 // ray, `met` is the surface and `bounce` what source.cl says.
 __kernel void surfaces(__constant frame *camera, int width, int height, wide max_range,
-                       wide ceiling, __constant box *boxes, __constant int2 *stripes, int box_count,
-                       __constant billboard *billboards, __constant texture *textures,
-                       __global const float *texels, int billboard_count,
+                       wide ceiling, THINGS_PARAMETERS,
                        __global const int *restrict picked, int count,
                        __global wide *restrict reach, __global real *restrict stretch,
                        __global real *restrict path_length, __global int *restrict surface,
@@ -240,7 +303,7 @@ __kernel void surfaces(__constant frame *camera, int width, int height, wide max
                        __global int *restrict met, __global real *restrict bounce)
 {
     const int slot = get_global_id(0), ray = RAY(min(slot, count - 1));
-    const things all = {boxes, stripes, box_count, billboards, textures, texels, billboard_count};
+    const things all = THINGS;
     const point d = ray_direction(camera, width, height, ray);
     const wide norm = sqrt(d.x * d.x + d.y * d.y + d.z * d.z);
     hit nearest = nothing_met(camera->origin, d, norm, max_range, ceiling);
@@ -290,15 +353,14 @@ __kernel void surfaces(__constant frame *camera, int width, int height, wide max
 // The way from the transmitter, the frame's origin, to what each camera ray met: its `end` (1, or 0
 // where nothing was met or something stands between), and its `length` in metres, which is also the
 // stretch of its parameter.
-__kernel void outgoing(__constant frame *transmitter, int width, int height, __constant box *boxes,
-                       __constant int2 *stripes, int box_count, __constant billboard *billboards,
-                       __constant texture *textures, __global const float *texels,
-                       int billboard_count, __global const int *restrict picked, int count,
+__kernel void outgoing(__constant frame *transmitter, int width, int height, THINGS_PARAMETERS,
+                       __global const int *restrict picked, int count,
                        __global const wide *restrict reach, __global int *restrict surface,
+                       int first_of_meshes,
                        __global wide *restrict end, __global real *restrict length)
 {
     const int slot = get_global_id(0), ray = RAY(min(slot, count - 1));
-    const things all = {boxes, stripes, box_count, billboards, textures, texels, billboard_count};
+    const things all = THINGS;
     const point d = follow_direction(transmitter, width, height, ray, reach[slot]);
     const wide norm = sqrt(d.x * d.x + d.y * d.y + d.z * d.z);
     // The point itself lies at 1: what is met just before it is the surface that it lies on.
@@ -314,6 +376,21 @@ __kernel void outgoing(__constant frame *transmitter, int width, int height, __c
                    viewing = seen.x * board->cosine + seen.y * board->sine;
         const int row = surface[slot] - textures[b].surface;
         if (row >= 0 && row < textures[b].levels && (lighting > 0) != (viewing > 0)) lit = 0;
+    }
+#endif
+#ifdef MESHES
+    // So is a triangle, which may stand alone: the camera's ray is looked at again.
+    const point eye = along(transmitter->origin, 1, transmitter->offset),
+                view = ray_direction(transmitter, width, height, ray);
+    const wide seen_from[3] = {eye.x, eye.y, eye.z}, going[3] = {view.x, view.y, view.z};
+    const shot camera_ray = shot_of(seen_from, going);
+    strike met = {reach[slot] * (1 + (wide)SAME_SURFACE), -1, 0, 0, 0};
+    if (surface[slot] >= first_of_meshes) meet_triangles(&all.meshes, &camera_ray, &met);
+    if (met.triangle >= 0) {
+        const point n = triangle_normal(&all.meshes, met.triangle);
+        const wide lighting = n.x * d.x + n.y * d.y + n.z * d.z,
+                   viewing = n.x * view.x + n.y * view.y + n.z * view.z;
+        if ((lighting > 0) != (viewing > 0)) lit = 0;
     }
 #endif
     if (!lit) surface[slot] = BACKGROUND;

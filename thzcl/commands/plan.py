@@ -66,7 +66,31 @@ def tables(found: dict[str, Any]) -> list[Table]:
         Table("numerics", numerics.columns, numerics.rows),
         *_skies(found["sky"]),
         *_materials(found["materials"]),
+        *_meshes(found["meshes"]),
     ]
+
+
+def _meshes(rows: list[dict[str, Any]]) -> list[Table]:
+    """Returns the meshes and the boxes around them in the world, alike ones in one row."""
+    from thzcl.commands.tables import Column, Table
+
+    def corner(point: list[float]) -> str:
+        return ", ".join(f"{one:.4g}" for one in point)
+
+    lines = {
+        (
+            row["target"],
+            row["file"],
+            row["triangles"],
+            ", ".join(filter(None, row["parts"])),
+            corner(row["low_m"]),
+            corner(row["high_m"]),
+        ): None
+        for row in rows
+    }
+    names = "mesh", "file", "triangles", "parts"
+    columns = *map(Column, names), Column("lowest x, y, z", "m"), Column("highest x, y, z", "m")
+    return [Table("meshes in the world", columns, tuple(lines))] if lines else []
 
 
 def _materials(rows: list[dict[str, Any]]) -> list[Table]:

@@ -14,7 +14,7 @@ from thzcl.plan.plan import Plan
 from thzcl.plan.variant import PlannedVariant
 from thzcl.scenario.document import Document
 from thzcl.scenario.problems import Trouble
-from thzcl.scenario.scene import Box, Scene
+from thzcl.scenario.scene import Box, Mesh, Scene
 
 _SAME = "to stand in one file; run them apart with --variant"
 _ROOM = 1e3  # between the largest number and a sum of powers: spans are foreseen, not known
@@ -164,12 +164,30 @@ def _temperature_troubles(scene: Scene) -> list[Trouble]:
         text = "missing; a passive sensor sees the ground's emission"
         found.append(Trouble(("ground", "temperature_k"), text))
     for name, target in scene.targets.items():
+        if isinstance(target, Mesh):
+            found += _mesh_troubles(name, target)
+            continue
         if target.temperature_k is None and getattr(target, "quantity", "") != "temperature":
             text = "missing; a passive sensor sees the target's emission"
             found.append(Trouble(("targets", name, "temperature_k"), text))
         if target.cover is not None and target.cover.temperature_k is None:
             text = "missing; a passive sensor sees the cover's emission"
             found.append(Trouble(("targets", name, "cover", "temperature_k"), text))
+    return found
+
+
+def _mesh_troubles(name: str, mesh: Mesh) -> list[Trouble]:
+    """Returns the parts of a mesh, and covers, that have no temperature."""
+    found = []
+    own = [(("targets", name), mesh.made_of(""))]
+    parts = [(("targets", name, "parts", part), mesh.made_of(part)) for part in mesh.parts]
+    for path, made in parts or own:
+        if made.temperature_k is None and made.temperature is None:
+            text = "missing; a passive sensor sees the target's emission"
+            found.append(Trouble((*path, "temperature_k"), text))
+        if made.cover is not None and made.cover.temperature_k is None:
+            text = "missing; a passive sensor sees the cover's emission"
+            found.append(Trouble((*path, "cover", "temperature_k"), text))
     return found
 
 

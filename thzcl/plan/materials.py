@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from thzcl.errors import ScenarioError
 from thzcl.graph import Values
 from thzcl.scenario.document import Scenario
-from thzcl.scenario.scene import Scene
+from thzcl.scenario.scene import Mesh, Scene
 from thzcl.sensor import Needs
 from thzcl.surfaces.geometry import Surface
 from thzcl.surfaces.materials import Covering, Face
@@ -32,6 +32,8 @@ def follows(scene: Scene, surfaces: Sequence[Surface]) -> bool:
         return scene.numerics.bounces == 1
     if not any(isinstance(one.mirror, Face) for one in surfaces):
         return False
+    if any(isinstance(one, Mesh) for one in scene.targets.values()):
+        return True
     return len(scene.targets) + (scene.ground is not None) > 1
 
 

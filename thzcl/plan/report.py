@@ -139,6 +139,8 @@ def warnings(plan: Plan, errors: Iterable[float]) -> list[str]:
     found += weather.notes([(one.name, *one.falling) for one in plan.variants if one.falling])
     found += [note for variant in plan.variants for note in _of_materials(variant)]
     found += [note for variant in plan.variants for note in _unheard(variant)]
+    meshes = [pair for variant in plan.variants for pair in variant.meshes.items()]
+    found += [note for name, mesh in meshes for note in mesh.notes(name)]
     following = iter(errors)
     for variant in plan.variants:
         humidity = variant.scene.atmosphere.air.relative_humidity_percent
@@ -204,6 +206,15 @@ def _unheard(variant: PlannedVariant) -> list[str]:
         return []
     lacks = "the echo of rain, fog and snow is not in the image, only what they take from it"
     return [f'{variant.name}: {lacks}; an active sensor with illumination = "beam" has it']
+
+
+def mesh_tables(plan: Plan) -> list[dict[str, object]]:
+    """Returns the meshes of each variant, with the box around each in the world, m."""
+    return [
+        {"variant": variant.name, "target": name, **mesh.table()}
+        for variant in plan.variants
+        for name, mesh in variant.meshes.items()
+    ]
 
 
 def skies(plan: Plan) -> list[dict[str, object]]:
@@ -381,6 +392,7 @@ def as_json(plan: Plan, figure: bool = True) -> dict[str, object]:
         "airs": [{"variant": one.name, **fluctuations(one)} for one in plan.variants],
         "sky": skies(plan),
         "materials": made_of(plan),
+        "meshes": mesh_tables(plan),
         "refraction_left_out": None if left is None else left._asdict(),
         "warnings": warnings(plan, planned_errors(plan)),
     }

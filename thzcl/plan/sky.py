@@ -15,7 +15,8 @@ from thzcl.air.sky import Column
 from thzcl.errors import RangeError, ScenarioError
 from thzcl.plan.refused import files_refused
 from thzcl.scenario.document import Scenario
-from thzcl.scenario.scene import Box, Scene
+from thzcl.scenario.scene import Box, Mesh, Scene
+from thzcl.surfaces import meshes
 from thzcl.surfaces.estimate import SampledRays
 from thzcl.surfaces.geometry import BACKGROUND, FIRST_TARGET, GROUND
 from thzcl.surfaces.mirrors import Mirror
@@ -42,17 +43,19 @@ def above(
     """
     if scene.sky is None:
         return None
-    top_m = highest_m(scene) + RISE_M
     with files_refused(scenario):
+        meshes_top_m = meshes.top_m(scene, scenario.locate)
+        highest = highest_m(scene, meshes_top_m)
+        top_m = highest + RISE_M
         rows = _profile(scenario, scene, top_m)
     if top_m >= rows.top_m:
         text = f"[sky] profile: ends at {rows.top_m:g} m, below the scene's {top_m:g} m"
         raise ScenarioError([f"{scenario.name}: {text}; bring the scene down"])
     layer = layer_top_m(air)
-    if layer <= highest_m(scene):
+    if layer <= highest:
         words = f"a layer of the air ends at {layer:g} m, but the scene reaches {top_m - RISE_M:g}"
         raise ScenarioError([f"{scenario.name}: [sky]: {words} m; bring the scene down"])
-    found = sky_of(scene, air, rows, ground_law)
+    found = sky_of(scene, air, rows, ground_law, meshes_top_m)
     try:
         _refuse_beyond(found.column)
     except RangeError as error:
@@ -258,8 +261,11 @@ def _seen_parts(scene: Scene, rays: SampledRays) -> dict[str, tuple[Part, float]
     if (surface >= FIRST_TARGET).any():
         metres = float(rays.length[surface >= FIRST_TARGET].min())
         for one in scene.targets.values():
-            top_m = one.center_m[2] + one.size_m[-1] / 2
-            upward = 1.0 if isinstance(one, Box) and camera_m > top_m else 0.0
+            if isinstance(one, Mesh):
+                upward = 1.0
+            else:
+                top_m = one.center_m[2] + one.size_m[-1] / 2
+                upward = 1.0 if isinstance(one, Box) and camera_m > top_m else 0.0
             facing.append((("face", _reflectivity(one), upward), metres))
     if facing:
         found["reflections in surfaces"] = max(facing, key=lambda one: one[0][1] * (1 + one[0][2]))

@@ -32,7 +32,7 @@ from thzcl.plan.sampling import Sampling
 from thzcl.scenario import sensors
 from thzcl.scenario.atmosphere import NO_LOGNORMAL
 from thzcl.scenario.document import Scenario, Variant, noise_seed
-from thzcl.scenario.scene import Scene
+from thzcl.scenario.scene import Mesh, Scene
 from thzcl.sensing import bands, optics
 from thzcl.sensing.air_echo import AirEcho
 from thzcl.sensing.exposures import Exposure
@@ -45,6 +45,8 @@ from thzcl.surfaces import sky as surfaces_sky
 from thzcl.surfaces.camera import Raster
 from thzcl.surfaces.estimate import SampledRays, sampled_rays
 from thzcl.surfaces.geometry import GROUND, Geometry
+from thzcl.surfaces.meshes import Placed, placed
+from thzcl.surfaces.sky import Behind
 from thzcl.turbulence.cube_file import CubeFile
 from thzcl.turbulence.fields import (
     AnyField,
@@ -95,6 +97,7 @@ class PlannedVariant:
     sample: SampledRays = field(compare=False)
     calm: str = field(compare=False)  # why no weather adds light to rays; empty if it does
     falling: tuple[Any, ...] = field(compare=False)  # what falls, as plan.weather.notes takes it
+    meshes: dict[str, Placed] = field(compare=False)
 
     def specs(self) -> tuple[Spec | None, ...]:
         """Returns the specs that a run evaluates, in order, with None for those not needed."""
@@ -130,6 +133,11 @@ class _Planner:
             self.shape, self.surfaces = geometry.geometry(
                 self.scene, scenario.locate, plain, scenario.targets
             )
+            self.meshes = {
+                name: placed(one, scenario.locate)
+                for name, one in self.scene.targets.items()
+                if isinstance(one, Mesh)
+            }
             self.air: Air = self.scene.atmosphere.air.located(scenario.locate)
             others = self.scene.atmosphere.compared
             compared = {model: air.located(scenario.locate) for model, air in others.items()}
@@ -187,13 +195,15 @@ class _Planner:
 
     def _ceiling_m(self, sources: radiance.Emission) -> float:
         """Returns the height at which rays that meet nothing leave the scene's air, m."""
-        if sources.behind is not None:
-            return surfaces_sky.ceiling_m(self.scene, self.air)
+        if isinstance(sources.behind, Behind):
+            return sources.behind.ceiling_m
         return surfaces_sky.layer_top_m(self.air)
 
     def _refuse_above_layers(self) -> None:
         """Raises ScenarioError where camera or things stand above the top of a layer of the air."""
-        top_m, highest_m = surfaces_sky.layer_top_m(self.air), surfaces_sky.highest_m(self.scene)
+        meshes_top_m = max((one.high_m[2] for one in self.meshes.values()), default=-math.inf)
+        highest_m = surfaces_sky.highest_m(self.scene, meshes_top_m)
+        top_m = surfaces_sky.layer_top_m(self.air)
         if top_m <= highest_m:
             words = f"a layer of the air ends at {top_m:g} m, but the scene reaches {highest_m:g} m"
             remedy = "raise layer_top_m or bring the scene down"
@@ -546,6 +556,7 @@ class _Planner:
             self.sample,
             self._calm(setup),
             self._falling(setup),
+            self.meshes,
         )
 
     def _refuse_beyond(self, humidity_span: Span, temperature_span: Span) -> None:

@@ -60,7 +60,7 @@ class Scenario:
     @property
     def targets(self) -> tuple[str, ...]:
         """The names of the targets of all variants, each once, in the order of the file."""
-        return tuple(dict.fromkeys(name for v in self.variants for name in v.scene.targets))
+        return tuple(dict.fromkeys(name for v in self.variants for name in v.scene.flagged))
 
     @property
     def seed(self) -> int:

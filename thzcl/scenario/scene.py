@@ -196,6 +196,74 @@ class Billboard(Table):
         return found
 
 
+class MeshPart(Table):
+    """A part of a mesh, which is a target of its own; what is not given is the mesh's."""
+
+    at_most_one: ClassVar = (("reflectivity", "material"), ("temperature_k", "temperature"))
+
+    temperature_k: Kelvin | None = key(None, help="temperature", unit="K")
+    temperature: str | None = key(
+        None, min_length=1, help="name of an attribute of the file's vertices or faces, in K"
+    )
+    reflectivity: Fraction | None = key(None, help="power reflectivity, 0 to 1")
+    material: str | None = key(
+        None, min_length=1, help="name of a material, in place of a reflectivity"
+    )
+    cover: Cover | None = key(None, help="a thin layer over it, such as cloth or paint")
+
+
+class Mesh(Table):
+    """Triangles from a file, as any program for solids writes them."""
+
+    at_most_one: ClassVar = (("reflectivity", "material"), ("temperature_k", "temperature"))
+
+    kind: Literal["mesh"] = key(help='"mesh"')
+    file: str = key(
+        min_length=1,
+        help="OBJ, STL, PLY or GLB, or NPZ with vertices and faces; from the scenario's folder",
+    )
+    center_m: Vector = key(help="where the origin of the file stands [x, y, z]", unit="m")
+    scale: Annotated[float, Field(gt=0, le=1e9)] = key(
+        1.0, help="metres to a unit of the file; 0.001 for millimetres"
+    )
+    up: Literal["y", "z"] | None = key(
+        None, help="axis of the file that points up; z if absent, but y for GLB"
+    )
+    yaw_deg: float = key(
+        0.0, help="turn about the vertical, counter-clockwise seen from above", unit="deg"
+    )
+    pitch_deg: float = key(
+        0.0, help="turn about the horizontal before that, by which +x rises", unit="deg"
+    )
+    temperature_k: Kelvin | None = key(
+        None, help="temperature, needed wherever emission is seen", unit="K"
+    )
+    temperature: str | None = key(
+        None,
+        min_length=1,
+        help="name of an attribute of the vertices or faces of a PLY or NPZ, in K",
+    )
+    reflectivity: Fraction = key(0.0, help="power reflectivity, 0 to 1")
+    material: str | None = key(
+        None, min_length=1, help="name of a material, in place of a reflectivity"
+    )
+    cover: Cover | None = key(None, help="a thin layer over it, such as cloth or paint")
+    parts: dict[str, MeshPart] = key({}, help="parts of the file by name, each a target of its own")
+
+    def made_of(self, part: str) -> MeshPart:
+        """Returns a part with what the mesh gives to it; its reflectivity is not None."""
+        own = self.parts.get(part, MeshPart())
+        warm = own if own.temperature_k is not None or own.temperature is not None else self
+        made = own if own.reflectivity is not None or own.material is not None else self
+        return MeshPart.model_construct(
+            temperature_k=warm.temperature_k,
+            temperature=warm.temperature,
+            reflectivity=made.reflectivity or 0.0,
+            material=made.material,
+            cover=own.cover or self.cover,
+        )
+
+
 class Background(Table):
     """What rays see that meet no surface, and what surfaces reflect."""
 
@@ -381,7 +449,7 @@ class Scene(Table):
     atmosphere: Atmosphere = key(help="the air")
     sensor: SensorChoice = key(help="the sensor")
     ground: Ground | None = key(None, help="the plane z = 0; leave the table out for no ground")
-    targets: dict[str, Annotated[Box | Billboard, Field(discriminator="kind")]] = key(
+    targets: dict[str, Annotated[Box | Billboard | Mesh, Field(discriminator="kind")]] = key(
         {}, help="targets by name"
     )
     materials: dict[str, Material] = key({}, help="what things are made of, by name")
@@ -412,6 +480,9 @@ class Scene(Table):
         for path, name in self._made_of():
             wrong = unknown(name, self.materials)
             found += [] if wrong is None else [Trouble(path, wrong)]
+        twice = [name for name in self.targets if self.flagged.count(name) > 1]
+        text = "is the name of a mesh's part too; choose another name"
+        found += [Trouble(("targets", name), f'"{name}" {text}') for name in twice]
         taken = [name for name in ("background", "ground") if name in self.targets]
         text = "names another part of the scene; choose another name"
         return found + [Trouble(("targets", name), f'"{name}" {text}') for name in taken]
@@ -421,8 +492,21 @@ class Scene(Table):
         found: list[tuple[tuple[str, ...], str | None]] = []
         if self.ground is not None:
             found.append((("ground", "material"), self.ground.material))
-        found += [
-            (("targets", name, "material"), target.material)
-            for name, target in self.targets.items()
-        ]
+        for name, target in self.targets.items():
+            found.append((("targets", name, "material"), target.material))
+            if isinstance(target, Mesh):
+                found += [
+                    (("targets", name, "parts", part, "material"), one.material)
+                    for part, one in target.parts.items()
+                ]
+        return found
+
+    @property
+    def flagged(self) -> list[str]:
+        """Returns the names of all targets, each mesh followed by those of its parts."""
+        found = []
+        for name, target in self.targets.items():
+            found.append(name)
+            if isinstance(target, Mesh):
+                found += [f"{name}.{part}" for part in target.parts]
         return found

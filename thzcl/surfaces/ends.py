@@ -20,6 +20,7 @@ _LEFT_OUT = {
     "ground": "no [ground]: no ground test in the kernel",
     "boxes": "no box targets: no box test in the kernel",
     "billboards": "no billboards: no texture in the kernel",
+    "meshes": "no meshes: no triangle test in the kernel",
 }
 
 
@@ -27,11 +28,13 @@ _LEFT_OUT = {
 class SurfaceKernels(Kernels):
     """The kernels that find where rays end, with the kinds of surfaces that there are."""
 
-    files: ClassVar = ("surfaces/camera", "surfaces/surfaces")
+    files: ClassVar = ("surfaces/camera", "surfaces/mesh", "surfaces/surfaces")
 
     ground: bool
     boxes: bool
     billboards: bool
+    meshes: bool
+    tempered: bool
     blended: bool = False
     cosine: bool = False
     elevation: bool = False
@@ -168,6 +171,7 @@ class EndsSpec(Spec):
         boxes, boards = things.boxes.shape[0], things.billboards.shape[0]
         words = {"ground": "the scene has a ground", "boxes": _count(boxes, "box", "boxes")}
         words["billboards"] = _count(boards, "billboard", "billboards")
+        words["meshes"] = _count(things.meshes.corners.shape[0], "triangle", "triangles")
         return {
             kind: Work("", words[kind]) if kind in things.kinds else LeftOut(why)
             for kind, why in _LEFT_OUT.items()
@@ -176,11 +180,19 @@ class EndsSpec(Spec):
     def memory(self) -> Memory:
         """Returns the sizes of the arrays of ends, and of the textures."""
         rays, real = self.geometry.raster.rays, np.dtype(self.precision).itemsize
-        texels = 4 * self.geometry.things.texels.shape[0]
+        things = self.geometry.things
+        texels = 4 * things.texels.shape[0]
+        wide, meshes = np.dtype(np.float64).itemsize, things.meshes
+        nodes, corners = meshes.boxes.shape[0], meshes.corners.shape[0]
+        triangles = (
+            32 * nodes,
+            (16 + 12 * meshes.tempered) * corners,
+            3 * wide * meshes.vertices.shape[0],
+        )
         asked = self.asked
         reals = 2 + asked.cosine + 2 * asked.elevation + (asked.polarization_deg is not None)
         bounced = (5 * real * rays, 4 * rays) if asked.bounces else ()
-        return Memory((8 * rays, *(real * rays,) * reals, 4 * rays, *bounced, texels))
+        return Memory((8 * rays, *(real * rays,) * reals, 4 * rays, *bounced, texels, *triangles))
 
 
 def _count(number: int, one: str, many: str) -> str:
@@ -314,6 +326,7 @@ def outgoing_ends(
         **ray_list(ends.followed),
         reach=ends.reach,
         surface=surface,
+        first_of_meshes=shape.things.meshes.first,
         end=end,
         length=length,
     )
@@ -323,7 +336,8 @@ def outgoing_ends(
 
 def _kinds(things: Things) -> dict[str, bool]:
     """Returns the kernels' options that say which kinds of surfaces there are."""
-    return {kind: kind in things.kinds for kind in geometry.KINDS}
+    there = {kind: kind in things.kinds for kind in geometry.KINDS}
+    return there | {"tempered": things.meshes.tempered}
 
 
 def _things(device: Device, things: Things) -> dict[str, Any]:
@@ -335,6 +349,7 @@ def _things(device: Device, things: Things) -> dict[str, Any]:
     def table(rows: Values, dtype: DTypeLike) -> Buffer:
         return device.put(rows.array if rows.data else np.zeros(8), dtype)
 
+    meshes = things.meshes
     return {
         "boxes": table(things.boxes, device.wide),
         "stripes": table(things.stripes, np.int32),
@@ -343,6 +358,11 @@ def _things(device: Device, things: Things) -> dict[str, Any]:
         "textures": table(things.textures, np.int32),
         "texels": table(things.texels, np.float32),
         "billboard_count": things.billboards.shape[0],
+        "mesh_boxes": table(meshes.boxes, np.float32),
+        "mesh_links": table(meshes.links, np.int32),
+        "mesh_triangles": table(meshes.corners, np.int32),
+        "mesh_vertices": table(meshes.vertices, device.wide),
+        "mesh_levels": table(meshes.levels, np.float32),
     }
 
 

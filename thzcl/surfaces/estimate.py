@@ -62,6 +62,10 @@ def first_met(shape: Geometry, direction: Array) -> tuple[Array, NDArray[np.int3
         for number, hit in _hits(shape, origin, direction):
             met = (hit > 0) & (hit < nearest)
             nearest, surface = np.where(met, hit, nearest), np.where(met, np.int32(number), surface)
+    if "meshes" in things.kinds:
+        hit, struck = things.meshes.struck(origin, direction)
+        met = hit < nearest
+        nearest, surface = np.where(met, hit, nearest), np.where(met, struck, surface)
     return nearest, surface
 
 

@@ -1,4 +1,4 @@
-"""Ground, boxes and billboards as flat arrays for the kernels, in float64.
+"""Ground, boxes, billboards and meshes as flat arrays for the kernels, in float64.
 
 World axes are in metres, with z up. A ray is given by its number in the raster of rays, row by row
 from the top left corner of the image; a pixel of several samples is a small block of that raster.
@@ -9,7 +9,7 @@ origin + s * direction, and its distance from the origin is s times the norm of 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -17,10 +17,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from thzcl.graph import Values, frozen
-from thzcl.scenario.scene import Billboard, Box, Scene
-from thzcl.surfaces import texture
+from thzcl.scenario.scene import Billboard, Box, Mesh, Scene
+from thzcl.surfaces import meshes, texture
 from thzcl.surfaces.camera import Raster, camera_frame
 from thzcl.surfaces.materials import Workshop
+from thzcl.surfaces.meshes import NONE, Laid, Triangles, triangles, turn
 from thzcl.surfaces.mirrors import Constant, Mirror
 from thzcl.surfaces.texture import Texture
 from thzcl.turbulence.lattice import Lattice
@@ -43,7 +44,12 @@ class Surface(NamedTuple):
     height_m: float = 0.0  # of its middle, from where it sees its surroundings
 
 
-KINDS = ("ground", "boxes", "billboards")  # of surfaces: options of kernels, stages of a plan
+KINDS = (
+    "ground",
+    "boxes",
+    "billboards",
+    "meshes",
+)  # of surfaces: options of kernels, stages of a plan
 
 
 @frozen
@@ -66,18 +72,20 @@ class Things:
     textures: Values  # (billboard, 7), int32
     texels: Values  # (texel,)
     max_range_m: float
+    meshes: Triangles = NONE
     ceiling_m: float = math.inf  # the height at which rays end that meet nothing
 
     @property
     def kinds(self) -> tuple[str, ...]:
         """Returns the kinds that exist, of KINDS."""
-        there = self.ground, self.boxes.shape[0] > 0, self.billboards.shape[0] > 0
+        boxes, boards = self.boxes.shape[0] > 0, self.billboards.shape[0] > 0
+        there = self.ground, boxes, boards, self.meshes.corners.shape[0] > 0
         return tuple(kind for kind, present in zip(KINDS, there, strict=True) if present)
 
     @property
     def blended(self) -> bool:
         """Returns whether rays can end between two surfaces."""
-        return self.billboards.shape[0] > 0
+        return self.billboards.shape[0] > 0 or self.meshes.tempered
 
 
 @frozen
@@ -98,22 +106,23 @@ def geometry(
 ) -> tuple[Geometry, list[Surface]]:
     """Returns a scene's geometry, and its surfaces by number.
 
-    The surfaces are, in this order: background, ground, boxes, their stripes, billboards. `locate`
-    returns the path of a picture's file. `names` are those of all targets that have a flag in the
-    result. Raises FileError for a picture that cannot be used.
+    The surfaces are, in this order: background, ground, boxes, their stripes, billboards, meshes.
+    `locate` returns the path of a picture's or a mesh's file. `names` are those of all targets that
+    have a flag in the result. Raises FileError for a file that cannot be used.
     """
     polarized = scene.camera.polarization_deg is not None
     air_k = scene.atmosphere.temperature_k
     workshop = Workshop(scene.materials, locate, polarized, air_k)
     background = Surface(BACKGROUND, scene.background.temperature_k, Constant(0.0))
     surfaces = [background, _ground(scene, workshop)]
-    numbered = [
-        (FIRST_TARGET + names.index(name), target) for name, target in scene.targets.items()
-    ]
+    numbered = [(_flag(names, name), target) for name, target in scene.targets.items()]
     boxes = [(flag, target) for flag, target in numbered if isinstance(target, Box)]
     boards = [(flag, target) for flag, target in numbered if isinstance(target, Billboard)]
     box_rows, stripes = _boxes(boxes, workshop, surfaces)
     board_rows, textures, texels = _billboards(boards, workshop, surfaces)
+    pairs = [(name, target) for name, target in scene.targets.items() if isinstance(target, Mesh)]
+    first = len(surfaces)
+    laid = [one for pair in pairs for one in _laid(*pair, names, workshop, surfaces)]
     surfaces.append(surfaces[0])  # the last level of a texture blends with the surface after it
     things = Things(
         scene.ground is not None,
@@ -123,6 +132,7 @@ def geometry(
         Values.of(textures, np.int32),
         Values.of(texels),
         scene.background.max_range_m,
+        triangles(laid, first),
     )
     return Geometry(rays, Values.of(camera_frame(scene.camera, rays)), things), surfaces
 
@@ -149,7 +159,7 @@ def _boxes(
     stripes = np.zeros((len(boxes) * len(FACES), 2), dtype=np.int32)
     rows = []
     for number, (flag, box) in enumerate(boxes):
-        rows.append([*box.center_m, *(size / 2 for size in box.size_m), *_turn(box.yaw_deg)])
+        rows.append([*box.center_m, *(size / 2 for size in box.size_m), *turn(box.yaw_deg)])
         for bars in box.bars:
             stripes[number * len(FACES) + FACES.index(bars.face)] = bars.count, len(surfaces)
             surfaces.append(surface(flag, box, bars.temperature_k))
@@ -177,7 +187,7 @@ def _billboards(
         textures.append([first, width, height, nearest, len(surfaces), len(levels), masked])
         surfaces += levels
         rows.append(
-            [*board.center_m, *(size / 2 for size in board.size_m), *_turn(board.facing_deg)]
+            [*board.center_m, *(size / 2 for size in board.size_m), *turn(board.facing_deg)]
         )
     return (
         np.array(rows).reshape(-1, 7),
@@ -202,13 +212,30 @@ def _levels(flag: int, board: Billboard, picture: Texture, workshop: Workshop) -
     return [Surface(flag, t, law, z) for t, law in zip(kelvins, laws, strict=True)]
 
 
-def _turn(degrees: float) -> tuple[float, float]:
-    """Returns cosine and sine, exact for quarter turns, so that faces stay on planes of a grid."""
-    angle = np.deg2rad(degrees)
-    cosine, sine = (
-        0.0 if abs(value) < 1e-15 else float(value) for value in (np.cos(angle), np.sin(angle))
-    )
-    return cosine, sine
+def _laid(
+    name: str, mesh: Mesh, names: Sequence[str], workshop: Workshop, surfaces: list[Surface]
+) -> Iterator[Laid]:
+    """Yields the groups of a mesh, and appends their surfaces to `surfaces`."""
+    placed = meshes.placed(mesh, workshop.locate)
+    height_m = (placed.low_m[2] + placed.high_m[2]) / 2
+    for group in placed.groups:
+        made = mesh.made_of(group.part)
+        flag = _flag(names, f"{name}.{group.part}" if group.part in mesh.parts else name)
+        kelvins, levels = [made.temperature_k], None
+        if group.kelvin is not None:
+            low, high = float(group.kelvin.min()), float(group.kelvin.max())
+            kelvins = np.linspace(low, high, meshes.LEVELS).tolist()
+            levels = (group.kelvin - low) / ((high - low) or 1.0) * (meshes.LEVELS - 1)
+            levels = np.minimum(levels, np.nextafter(np.float32(meshes.LEVELS - 1), 0))
+        yield Laid(placed, group, len(surfaces), levels)
+        for kelvin in kelvins:
+            law = workshop.law(made.material, made.reflectivity or 0.0, made.cover, kelvin)
+            surfaces.append(Surface(flag, kelvin, law, height_m))
+
+
+def _flag(names: Sequence[str], name: str) -> int:
+    """Returns the flag of a target in the result."""
+    return FIRST_TARGET + names.index(name)
 
 
 def world_frame(frame: Array, start: Array | None = None) -> Array:

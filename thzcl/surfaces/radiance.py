@@ -35,7 +35,7 @@ from thzcl.surfaces.mirrors import (
     Surroundings,
     View,
 )
-from thzcl.surfaces.sky import Behind, Sky, ceiling_m, enclosure_k
+from thzcl.surfaces.sky import Behind, Sky, enclosure_k
 
 Array = NDArray[np.float64]
 
@@ -724,7 +724,7 @@ def emission(
     if above is not None and given.temperature_k is None:
         surfaces = [s._replace(mirror=Opening()) if s.target == BACKGROUND else s for s in surfaces]
         camera_m = scene.camera.position_m[2]
-        behind = Behind(above, camera_m, ceiling_m(scene, above.column.air), given.max_range_m)
+        behind = Behind(above, camera_m, above.column.even_m, given.max_range_m)
     heights = isinstance(around, Sky)
     reflecting = Reflecting.of(surfaces, heights=heights)
     return Emission(Values.of(kelvin), reflecting, air_k, around, behind, through)

@@ -14,7 +14,7 @@ from thzcl.air.mean import Air
 from thzcl.air.profile import Profile
 from thzcl.air.sky import Column
 from thzcl.air.weather import Weather
-from thzcl.scenario.scene import Box, Scene
+from thzcl.scenario.scene import Box, Mesh, Scene
 from thzcl.surfaces.materials import mean_reflectivity
 from thzcl.surfaces.mirrors import Mirror
 
@@ -168,9 +168,20 @@ def weather_of(
     return Weather(air, None, Floor(ground.temperature_k, ground.reflectivity, around_k, law))
 
 
-def sky_of(scene: Scene, air: Air, profile: Profile, ground_law: Mirror | None = None) -> Sky:
-    """Returns the sky over a scene, whose ground reflects by a law if it is made of a material."""
-    column = Column(air, profile, max(scene.camera.position_m[2], 0.0), ceiling_m(scene, air))
+def sky_of(
+    scene: Scene,
+    air: Air,
+    profile: Profile,
+    ground_law: Mirror | None = None,
+    meshes_top_m: float = -math.inf,
+) -> Sky:
+    """Returns the sky over a scene, whose ground reflects by a law if it is made of a material.
+
+    `meshes_top_m` is the height of the highest mesh. Rays that meet nothing leave the scene's air
+    50 m above the camera and all things, or at the top of the lowest layer.
+    """
+    even_m = min(highest_m(scene, meshes_top_m) + RISE_M, layer_top_m(air))
+    column = Column(air, profile, max(scene.camera.position_m[2], 0.0), even_m)
     ground = scene.ground
     if ground is None or ground.temperature_k is None:
         return Sky(column, None)
@@ -187,23 +198,16 @@ def enclosure_k(scene: Scene) -> float:
     return 0.0 if environment == "none" else float(environment)
 
 
-def highest_m(scene: Scene) -> float:
-    """Returns the height of the highest of the camera and all things, m."""
+def highest_m(scene: Scene, meshes_top_m: float = -math.inf) -> float:
+    """Returns the height of the highest of the camera and all things, meshes among them, m."""
     tops = [
         one.center_m[2] + (one.size_m[2] if isinstance(one, Box) else one.size_m[1]) / 2
         for one in scene.targets.values()
+        if not isinstance(one, Mesh)
     ]
-    return max([scene.camera.position_m[2], *tops])
+    return max([scene.camera.position_m[2], meshes_top_m, *tops])
 
 
 def layer_top_m(air: Air) -> float:
     """Returns the height of the lowest top of a layer in the air, m; inf without one."""
     return min((composition.layer_top_m(part) for part in air.parts), default=math.inf)
-
-
-def ceiling_m(scene: Scene, air: Air) -> float:
-    """Returns the height at which rays that meet nothing leave the scene's air, m.
-
-    It is 50 m above the camera and all things, or the top of the lowest layer.
-    """
-    return min(highest_m(scene) + RISE_M, layer_top_m(air))

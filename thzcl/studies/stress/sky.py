@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from thzcl.air import composition
 from thzcl.air.profile import shipped
 from thzcl.error.twin import planck_difference
-from thzcl.scenario.scene import Scene
+from thzcl.scenario.scene import Mesh, Scene
 
 Array = NDArray[np.float64]
 EARTH_M = 6371e3
@@ -38,7 +38,8 @@ class _Steps(NamedTuple):
 
 def ceiling_m(scene: Scene) -> float:
     """Returns the height at which rays leave the scene's air, m."""
-    tops = [one.center_m[2] + one.size_m[-1] / 2 for one in scene.targets.values()]
+    solid = [one for one in scene.targets.values() if not isinstance(one, Mesh)]
+    tops = [one.center_m[2] + one.size_m[-1] / 2 for one in solid]
     return max([scene.camera.position_m[2], *tops]) + RISE_M
 
 
