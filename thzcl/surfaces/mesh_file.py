@@ -7,7 +7,7 @@ import json
 import logging
 import warnings
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, Literal
@@ -78,11 +78,13 @@ def _read(path: Path, kind: str, content: str) -> MeshFile:  # noqa: ARG001 (as 
 
 @dataclass(frozen=True)
 class _Piece:
-    """A named piece of a file."""
+    """A named piece of a file, or one of several names, of which `part` numbers the triangles'."""
 
     name: str
     vertices: Array
     faces: Integers
+    names: tuple[str, ...] = ()
+    part: Integers | None = None
 
 
 def _by_trimesh(path: Path, kind: str, data: bytes) -> tuple[list[_Piece], dict[str, Attribute]]:
@@ -146,7 +148,10 @@ def _ply_attributes(scene: Any) -> dict[str, Attribute]:
 
 
 def _arrays(path: Path, data: bytes) -> tuple[list[_Piece], dict[str, Attribute]]:
-    """Returns the one piece of an NPZ file, and its other arrays as attributes."""
+    """Returns the pieces of an NPZ file, and its other arrays as attributes.
+
+    `parts` are their names, and `part` (triangle,) numbers them; without these there is one piece.
+    """
     with np.load(io.BytesIO(data), allow_pickle=False) as arrays:
         for name in ("vertices", "faces"):
             if name not in arrays:
@@ -156,6 +161,10 @@ def _arrays(path: Path, data: bytes) -> tuple[list[_Piece], dict[str, Attribute]
             raise FileError(f"{path}: holds {size / 1e6:.6g} MB when unpacked; give less")
         read = {name: arrays[name] for name in arrays.files}
     vertices, faces = read.pop("vertices"), read.pop("faces")
+    names, part = read.pop("parts", np.array([""])), read.pop("part", np.zeros(len(faces), np.int8))
+    numbered = part.shape == (len(faces),) and part.dtype.kind in "iu" and names.dtype.kind == "U"
+    if not numbered or (len(part) and not 0 <= part.min() <= part.max() < names.size):
+        raise FileError(f"{path}: part must number the parts (names) of its triangles from 0")
     if vertices.dtype.kind not in "fiu" or faces.dtype.kind not in "iu":
         raise FileError(f"{path}: vertices must be numbers, and faces whole numbers")
     attributes: dict[str, Attribute] = {
@@ -163,7 +172,8 @@ def _arrays(path: Path, data: bytes) -> tuple[list[_Piece], dict[str, Attribute]
         for name, values in read.items()
         if values.ndim == 1 and values.dtype.kind in "fiu"
     }
-    return [_Piece("", vertices.astype(np.float64), faces.astype(np.int64))], attributes
+    whole = _Piece("", vertices.astype(np.float64), faces.astype(np.int64))
+    return [replace(whole, names=tuple(names.tolist()), part=part.astype(np.int64))], attributes
 
 
 def _check_counts(path: Path, kind: str, data: bytes) -> None:
@@ -195,13 +205,7 @@ def _checked(
 ) -> MeshFile:
     """Returns the triangles of some pieces. Raises FileError for what is no mesh."""
     for piece in pieces:
-        shapes = piece.vertices.ndim == piece.faces.ndim == 2
-        if not shapes or piece.vertices.shape[1] != 3 or piece.faces.shape[1] != 3:
-            raise FileError(f"{path}: needs vertices (n, 3) and triangles (m, 3); {MESH.give}")
-        if len(piece.faces) and not 0 <= piece.faces.min() <= piece.faces.max() < len(
-            piece.vertices
-        ):
-            raise FileError(f"{path}: a face names a vertex that there is not; it is broken")
+        _refuse_broken(path, piece)
     count = sum(len(piece.faces) for piece in pieces)
     if not count:
         raise FileError(f"{path}: holds no triangles; {MESH.give}")
@@ -211,13 +215,15 @@ def _checked(
     vertices = np.concatenate([piece.vertices for piece in pieces])
     faces = np.concatenate([p.faces + b for p, b in zip(pieces, before, strict=False)])
     part = np.repeat(np.arange(len(pieces)), [len(piece.faces) for piece in pieces])
+    names = [piece.name for piece in pieces]
+    if pieces[0].part is not None:
+        names, part = list(pieces[0].names), pieces[0].part
     used = vertices[faces]
     if not np.isfinite(used).all() or np.abs(used).max() > FARTHEST:
         raise FileError(f"{path}: a vertex is not finite, or beyond {FARTHEST:g}; mend the mesh")
     good = _has_area(used)
     if not good.any():
         raise FileError(f"{path}: no triangle has an area; {MESH.give}")
-    names = [piece.name for piece in pieces]
     parts = tuple(dict.fromkeys(names))
     numbered = np.array([parts.index(name) for name in names])[part]
     numbers, faces = np.unique(faces[good], return_inverse=True)  # of vertices that are used
@@ -228,6 +234,15 @@ def _checked(
     up, dropped = UPWARD.get(kind, "z"), int((~good).sum())
     faces = faces.reshape(-1, 3)
     return MeshFile(vertices[numbers], faces, numbered[good], parts, up, dropped, kept)
+
+
+def _refuse_broken(path: Path, piece: _Piece) -> None:
+    """Raises FileError for a piece that is not made of triangles."""
+    shapes = piece.vertices.ndim == piece.faces.ndim == 2
+    if not shapes or piece.vertices.shape[1] != 3 or piece.faces.shape[1] != 3:
+        raise FileError(f"{path}: needs vertices (n, 3) and triangles (m, 3); {MESH.give}")
+    if len(piece.faces) and not 0 <= piece.faces.min() <= piece.faces.max() < len(piece.vertices):
+        raise FileError(f"{path}: a face names a vertex that there is not; it is broken")
 
 
 def _has_area(corners: Array) -> NDArray[np.bool_]:
