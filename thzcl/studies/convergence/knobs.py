@@ -378,6 +378,35 @@ def _weather_knob(subject: Subject, name: str, settings: list[Setting], finest: 
     return Knob(name, ("scattering",), tuple(settings), exact)
 
 
+def bounces(subject: Subject) -> Knob:
+    """Returns the knob of mirrored rays that are followed to the next surface, or are not."""
+    _mirroring(subject)
+    own = int(any(variant.image.sources.bounces for variant in subject.plan.variants))
+    settings = [_simple(subject, f"{n} bounces", n == own, {"numerics.bounces": n}) for n in (0, 1)]
+    followed = {"numerics.bounces": 1, **EXACT}
+    exact = cache(lambda: subject.contrasts(subject.plan_with(followed), Clock()))
+    return Knob("bounces", (*KINDS, *TRACED), tuple(settings), exact)
+
+
+def mirror_look_up(subject: Subject) -> Knob:
+    """Returns the knob of the look-ups of what materials reflect by the angle."""
+    _mirroring(subject)
+    settings = [
+        _rewritten(subject, f"to {tolerance:.0e}", tolerance == TOLERANCE, by_look_up(tolerance))
+        for tolerance in (1e-2, 1e-3, 1e-4, 1e-5, TOLERANCE)
+    ]
+    finest = by_look_up(TOLERANCE / 100)
+    exact = cache(lambda: subject.contrasts(subject.plan, Clock(), finest))
+    return Knob("mirror-look-up", ("sky", "shading"), tuple(settings), exact)
+
+
+def _mirroring(subject: Subject) -> None:
+    """Raises MeaninglessError unless a passive sensor sees something made of a material."""
+    sources = [variant.image.sources for variant in subject.plan.variants]
+    if not any(one.air_emits and one.reflecting.mirrored for one in sources):
+        raise MeaninglessError("nothing that a passive sensor sees is made of a material")
+
+
 def _sky_knob(subject: Subject, name: str, settings: list[Setting], finest: Change) -> Knob:
     """Returns a knob of the sky, whose image without error is that of the `finest` one."""
     if not any(variant.image.sources.sky_views() for variant in subject.plan.variants):
@@ -402,6 +431,8 @@ KNOBS: dict[str, Callable[[Subject], Knob]] = {
     "sky-look-up": sky_look_up,
     "scattering-layers": scattering_layers,
     "scattering-directions": scattering_directions,
+    "bounces": bounces,
+    "mirror-look-up": mirror_look_up,
 }
 
 

@@ -9,7 +9,7 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from thzcl.studies.stress import judges
+from thzcl.studies.stress import judges, things
 from thzcl.studies.stress.trial import DOUBLE, SINGLE, Case, Judge
 
 Judged = tuple[Judge, Mapping[str, float]]
@@ -79,6 +79,7 @@ def cases() -> list[Case]:
         *_sensors(),
         *_warm(),
         *_skies(),
+        *_things(),
     ]
 
 
@@ -336,6 +337,67 @@ def _skies() -> list[Case]:
         Case("sky at the horizon, rays of a hundred kilometres", clear | horizon, seen),
         Case("wall that reflects half of the sky", clear | wall, seen),
         Case("sky behind air of fluctuating temperature", clear | _BY_A_KELVIN, seen),
+    ]
+
+
+MATERIAL, COVER = "materials.it", "targets.wall.cover"
+# Look-ups of reflectivity by the cosine limit it, to some 1e-6 of the largest difference.
+LOOKED_UP = {SINGLE: 4e-6, DOUBLE: 4e-6}
+
+
+def _things() -> list[Case]:
+    """Returns the cases of materials, covers, mirrors and meshes."""
+    seen: dict[str, Judged] = {"seen": (judges.sky, LOOKED_UP)}
+    calm = {f"{FLUCTUATIONS}.sigma_percent": 0.0, f"{BACKGROUND}.environment": 100.0}
+    wall = calm | {"targets.wall": WALL | {"material": "it"}, "numerics.bounces": 0}
+    grazing = calm | {
+        f"{CAMERA}.look_at_m": [9.3, -0.2, 2.09],
+        f"{CAMERA}.focal_plane_mm": [6.0, 0.04],
+        f"{BACKGROUND}.max_range_m": 1e5,
+        "sensor.frequency_ghz": 20.0,
+        "ground": {"temperature_k": 300.0, "material": "it"},
+    }
+    below = calm | {
+        f"{CAMERA}.look_at_m": [9.3, -0.2, 0.0],
+        f"{CAMERA}.focal_plane_mm": [6.0, 1.0],
+        "targets.wall": WALL,
+        "ground": {"temperature_k": 300.0, "material": "it"},
+        f"{MATERIAL}.reflectivity": 0.9,
+        "numerics.bounces": 1,
+    }
+    metal, dielectric = {f"{MATERIAL}.permittivity": [1.0, 1e6]}, [4.0, 0.5]
+    thick = {COVER: {"transmission": 1e-6, "reflectivity": 0.9999, "temperature_k": 280.0}}
+    thin = {COVER: {"transmission": 0.9999, "reflectivity": 1e-6, "temperature_k": 400.0}}
+    level = {"temperature_k": 290.0, "material": "it"}
+    equal = below | {
+        "targets.wall": WALL | level,
+        "ground": level,
+        f"{COVER}": {"transmission": 0.3, "reflectivity": 0.4, "temperature_k": 290.0},
+        f"{BACKGROUND}.environment": 290.0,
+        f"{BACKGROUND}.temperature_k": 290.0,
+    }
+    mesh = {"kind": "mesh", "file": things.WALL_FILE, "temperature_k": 310.0}
+    edges = {
+        f"{CAMERA}.position_m": [0.0, 0.0, 0.0],
+        f"{CAMERA}.look_at_m": [9.0, 0.0, 0.0],
+        f"{CAMERA}.pixels": [33, 33],  # a ray through every other edge, and through vertices
+        f"{CAMERA}.focal_plane_mm": [33 * 30.0 / 16, 33 * 30.0 / 16],
+        f"{BACKGROUND}.max_range_m": 100.0,
+        "targets.wall": mesh | {"center_m": [24.0, 0.0, 0.0], "scale": 32.0},
+    }
+    return [
+        Case("metal, all but a thousandth reflected", wall | metal, seen),
+        Case("mirror that reflects all", wall | {f"{MATERIAL}.reflectivity": 1.0}, seen),
+        Case("dielectric", wall | {f"{MATERIAL}.permittivity": dielectric}, seen),
+        Case("ground at grazing angles", grazing | {f"{MATERIAL}.permittivity": dielectric}, seen),
+        Case("metal ground at grazing angles", grazing | metal, seen),
+        Case("cover that lets a millionth pass", wall | metal | thick, seen),
+        Case("cover that takes a ten-thousandth", wall | metal | thin, seen),
+        Case("wall seen in the ground", below, seen),
+        Case(
+            "materials, cover, bounce and air equal", equal, {"contrast": (judges.nothing, NOTHING)}
+        ),
+        Case("mesh whose edges and vertices lie on rays", edges, EVERYTHING),
     ]
 
 

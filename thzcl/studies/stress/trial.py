@@ -21,6 +21,7 @@ from thzcl.errors import NumbersError
 from thzcl.results.result import Result
 from thzcl.scenario.scene import Scene
 from thzcl.sensor import Echoes, Image, Radiances
+from thzcl.studies.stress import things
 from thzcl.studies.stress.truth import Truth, truth
 
 Array = NDArray[np.float64]
@@ -175,6 +176,7 @@ def examine(
     with tempfile.TemporaryDirectory() as folder:
         base = Path(folder) / "stress.toml"
         base.write_text(BASE, encoding="utf-8")
+        things.write_wall(base.parent)
         for case in cases:
             for precision in case.precisions:
                 if progress:

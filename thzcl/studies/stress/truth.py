@@ -7,7 +7,7 @@ polynomials, path moments or a cut-off. Nothing is taken from the run but the cu
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from thzcl.air import composition
 from thzcl.error.twin import planck, planck_difference, transfer, walk
 from thzcl.results.contents import Cube
-from thzcl.scenario.scene import Box, Scene
-from thzcl.studies.stress import sky
+from thzcl.scenario.scene import Billboard, Box, Ground, Mesh, Scene
+from thzcl.studies.stress import sky, things
 from thzcl.turbulence.orientation import ROTATIONS
 
 Array = NDArray[np.float64]
@@ -29,6 +29,7 @@ class RayEnds(NamedTuple):
     length_m: Array
     temperature_k: Array
     reflectivity: Array
+    thing: NDArray[np.intp]  # the number in _things(), after 0 for nothing
 
 
 @dataclass(frozen=True)
@@ -96,19 +97,32 @@ def ray_ends(scene: Scene) -> RayEnds:
         with np.errstate(divide="ignore"):
             rise = (sky.ceiling_m(scene) - z) / np.maximum(rays[..., 2], 0.0)
         lengths = [np.minimum(lengths[0], rise)]
-    kinds = [(_kelvin(scene.background.temperature_k, air_k), 0.0)]
-    with np.errstate(divide="ignore"):
-        if scene.ground is not None:
-            lengths.append(np.where(rays[..., 2] < 0, -z / rays[..., 2], np.inf))
-            kinds.append((_kelvin(scene.ground.temperature_k, air_k), scene.ground.reflectivity))
-        for wall in scene.targets.values():
-            if isinstance(wall, Box):
-                away = wall.center_m[0] - wall.size_m[0] / 2 - x
-                lengths.append(np.where(rays[..., 0] > 0, away / rays[..., 0], np.inf))
-                kinds.append((_kelvin(wall.temperature_k, air_k), wall.reflectivity))
+    kelvin = [_kelvin(scene.background.temperature_k, air_k)]
+    parts = [np.zeros(rays.shape[:2])]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        for thing in _things(scene):
+            kelvin.append(_kelvin(things.made_of(thing).temperature_k, air_k))
+            if isinstance(thing, Ground):
+                cosine, away = -rays[..., 2], z
+            else:
+                cosine, away = rays[..., 0], _face_m(thing) - x
+            lengths.append(np.where(cosine > 0, away / cosine, np.inf))
+            parts.append(things.reflected(scene, thing, cosine))
     nearest = np.argmin(lengths, axis=0)
-    kelvin, reflectivity = np.array(kinds).T
-    return RayEnds(np.min(lengths, axis=0), kelvin[nearest], reflectivity[nearest])
+    reflectivity = np.take_along_axis(np.array(parts), nearest[None], axis=0)[0]
+    return RayEnds(np.min(lengths, axis=0), np.array(kelvin)[nearest], reflectivity, nearest)
+
+
+def _things(scene: Scene) -> list[Any]:
+    """Returns the ground, if there is one, and all walls."""
+    ground = [] if scene.ground is None else [scene.ground]
+    return [*ground, *(one for one in scene.targets.values() if not isinstance(one, Billboard))]
+
+
+def _face_m(wall: Box | Mesh) -> float:
+    """Returns where the near face of a wall stands along x: of a mesh, that of a scaled cube."""
+    depth = wall.size_m[0] if isinstance(wall, Box) else wall.scale
+    return wall.center_m[0] - depth / 2
 
 
 def _kelvin(temperature_k: float | None, air_k: float) -> float:
@@ -121,7 +135,12 @@ def truth(scene: Scene, frequency_hz: Array, cube: Cube | None) -> Truth:
     ends, air_k = ray_ends(scene), scene.atmosphere.temperature_k
     hz = frequency_hz[:, None, None]
     own = planck_difference(hz, ends.temperature_k, air_k)
-    surface = (1 - ends.reflectivity) * own + ends.reflectivity * _reflected(scene, frequency_hz)
+    seen = _reflected(scene, frequency_hz)
+    surface = own + ends.reflectivity * (seen - own)
+    for number, thing in enumerate(_things(scene), start=1):
+        view = _mirrored(scene, frequency_hz, ends, thing, seen)
+        of_thing = things.sent(scene, frequency_hz, thing, ends.reflectivity, own, view)
+        surface = np.where(ends.thing == number, of_thing, surface)
     if _open(scene):
         surface = _under_sky(scene, frequency_hz, ends.length_m, surface)
     if cube is not None:
@@ -130,6 +149,25 @@ def truth(scene: Scene, frequency_hz: Array, cube: Cube | None) -> Truth:
     depth = per_m * ends.length_m
     cold, warm = np.minimum(surface, 0), np.maximum(surface, 0)
     return Truth(depth, surface, surface * np.exp(-depth), cold, warm, np.inf)
+
+
+def _mirrored(scene: Scene, frequency_hz: Array, ends: RayEnds, thing: Any, around: Array) -> Array:
+    """Returns what is seen in a thing: a wall, if rays are mirrored by ground of a material.
+
+    The wall is rough, and stands behind mean air.
+    """
+    walls = [one for one in scene.targets.values() if isinstance(one, Box)]
+    bounces = scene.numerics.bounces == 1 and isinstance(thing, Ground) and thing.material
+    if not bounces or not walls:
+        return around
+    rays, air_k, hz = directions(scene), scene.atmosphere.temperature_k, frequency_hz[:, None, None]
+    there = scene.camera.position_m[0] + ends.length_m * rays[..., 0]
+    onwards = (_face_m(walls[0]) - there) / rays[..., 0]
+    own = planck_difference(hz, _kelvin(walls[0].temperature_k, air_k), air_k)
+    part = np.array(walls[0].reflectivity)
+    of_wall = things.sent(scene, frequency_hz, walls[0], part, own, around)
+    per_m = absorption(scene, hz, scene.atmosphere.air.absolute_humidity_g_m3, air_k)
+    return np.asarray(of_wall * np.exp(-per_m * onwards))
 
 
 def _open(scene: Scene) -> bool:
