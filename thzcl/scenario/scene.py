@@ -205,6 +205,7 @@ class MeshPart(Table):
     temperature: str | None = key(
         None, min_length=1, help="name of an attribute of the file's vertices or faces, in K"
     )
+    shown: bool = key(True, help="whether it is there; false leaves it out of the mesh")
     reflectivity: Fraction | None = key(None, help="power reflectivity, 0 to 1")
     material: str | None = key(
         None, min_length=1, help="name of a material, in place of a reflectivity"

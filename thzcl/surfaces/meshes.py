@@ -91,6 +91,13 @@ class Placed:
         """Returns the highest corner of the box around it, m."""
         return _corner(self.vertices.max(axis=0))
 
+    def box_m(self, part: str | None = None) -> Array:
+        """Returns the corners of the box around it, or around one of its parts, (8, 3) in m."""
+        faces = [self.read.faces[one.places] for one in self.groups if part in (None, one.part)]
+        points = self.vertices[np.concatenate(faces).ravel()] if faces else self.vertices
+        ends = np.stack([points.min(axis=0), points.max(axis=0)])
+        return np.stack(np.meshgrid(*ends.T), axis=-1).reshape(8, 3)
+
     def notes(self, name: str) -> list[str]:
         """Returns what to tell of a mesh that is the target `name`."""
         if not self.read.dropped:
@@ -177,6 +184,8 @@ def _groups(mesh: Mesh, path: Path, read: MeshFile) -> list[Group]:
         (name, np.flatnonzero(read.part == n)) for name, n in zip(mesh.parts, named, strict=True)
     ]
     for name, places in [*pieces, ("", rest)]:
+        if name in mesh.parts and not mesh.parts[name].shown:
+            continue
         attribute = mesh.made_of(name).temperature
         kelvin = None if attribute is None else _kelvin(path, read, attribute)[places]
         if len(places):

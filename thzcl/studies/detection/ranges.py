@@ -363,8 +363,8 @@ def computed_together(
     pixels: dict[int, float] = {}
     for air, number, scenes in airs(pairs, range(asked.airs), asked.seed, device):
         if air == 0:
-            shown = scenes[0].present.target == _flag(pairs[number], asked.base.target)
-            pixels[number] = float(shown.sum())
+            wanted = _flags(pairs[number], asked.base.target)
+            pixels[number] = float(np.isin(scenes[0].present.target, wanted).sum())
             _refuse_unseen(asked, pairs[number], pixels[number])
         for one in scenes:
             key = number, one.model
@@ -400,9 +400,14 @@ def _learn(training: Training, one: Scenes) -> None:
     training.add(present, absent, again)
 
 
-def _flag(pair: Pair, target: str) -> int:
-    """Returns the number by which pixels say that they show the target."""
-    return metrics.FIRST_TARGET + pair.present.scenario.targets.index(target)
+def _flags(pair: Pair, target: str) -> list[int]:
+    """Returns the numbers by which pixels say that they show the target, or a part of it."""
+    names = pair.present.scenario.targets
+    return [
+        metrics.FIRST_TARGET + number
+        for number, name in enumerate(names)
+        if name == target or name.startswith(f"{target}.")
+    ]
 
 
 def _refuse_unseen(asked: Question, pair: Pair, pixels: float) -> None:

@@ -14,14 +14,17 @@ from thzcl.errors import PluginFailure, ScenarioError, UsageError
 from thzcl.graph import Spec, evaluate, everything, rewrite
 from thzcl.plan import checks
 from thzcl.plan.plan import Plan, join, make_plan
+from thzcl.plan.refused import files_refused
 from thzcl.plugins.names import suggest
 from thzcl.scenario import document as documents
 from thzcl.scenario import sensors
 from thzcl.scenario.document import Document
+from thzcl.scenario.scene import Mesh, Scene
 from thzcl.sensing.image import Compared, ImageSpec, Recorded
 from thzcl.sensor import RESERVED_NAMES, Echoes, Radiances
 from thzcl.studies.many import placing
 from thzcl.studies.many.members import spawned
+from thzcl.surfaces.meshes import placed
 from thzcl.turbulence.fields import FieldSpec
 
 if TYPE_CHECKING:
@@ -70,10 +73,9 @@ class Base:
             raise UsageError(text)
         data = {k: v for k, v in scenes[chosen[0]].items() if k not in ("study", "sequence")}
         alone = replace(document, data=data)
-        documents.parse(alone, allow_outside=outside)
-        targets = data.get("targets", {})
-        if target not in targets:
-            raise UsageError(f"--target {target}: no such target ({suggest(target, targets)})")
+        known = _scene(alone, outside).flagged
+        if target not in known:
+            raise UsageError(f"--target {target}: no such target ({suggest(target, known)})")
         if data.get("numerics", {}).get("realizations", 1) > 1:
             text = "[numerics] realizations is refused here: --air N is that"
             raise ScenarioError([f"{document.label}: {text}"])
@@ -93,26 +95,69 @@ class Base:
         Raises RangeRefusedError where that cannot be, or where the target overfills the picture.
         """
         data = self.document.data
-        place = data["camera"], data["targets"][self.target], self.target, range_m, False
+        here = self._corners(self.document)
+        name = self.mesh or self.target
+        table = data["targets"][name]
+        beside = here.mean(axis=0) - np.array(table["center_m"], float) if self.mesh else None
         try:
-            moved = placing.at_range(*place) if self.moves else {}
+            moved = (
+                placing.at_range(data["camera"], table, name, range_m, False, beside)
+                if self.moves
+                else {}
+            )
         except ValueError as error:
             raise RangeRefusedError(str(error)) from None
         changes = moved | {"numerics.error_budget": False} | dict(settings)
         document = documents.changed(self.document, changes, {})
-        scene = documents.parse(document, allow_outside=self.allow_outside).variants[0].scene
-        seen = placing.outline(scene.camera, scene.targets[self.target])
+        scene = _scene(document, self.allow_outside)
+        seen = placing.outline(scene.camera, self._corners(document))
         if self.moves and not seen.within:
             text = f"at {range_m:g} m {self.target} overfills the picture; give a longer range"
             raise RangeRefusedError(text)
         samples = placing.samples(scene.camera, seen)
         return documents.changed(document, {"camera.samples_per_pixel": samples}, {})
 
+    @property
+    def mesh(self) -> str | None:
+        """Returns the name of the mesh that is the target, or that the target is a part of."""
+        targets = self.document.data["targets"]
+        name = self.target if self.target in targets else self._split()[0]
+        return name if targets[name].get("kind") == "mesh" else None
+
+    def _split(self) -> tuple[str, str]:
+        """Returns the names of the mesh and of the part that the target is."""
+        meshes = self.document.data["targets"]
+        name = next(one for one in meshes if self.target.startswith(f"{one}."))
+        return name, self.target.removeprefix(f"{name}.")
+
+    def gone(self) -> dict[str, Any]:
+        """Returns the setting that takes the target away."""
+        if self.target in self.document.data["targets"]:
+            return {f"targets.{self.target}": None}
+        name, part = self._split()
+        return {f"targets.{name}.parts.{part}.shown": False}
+
+    def _corners(self, document: Document) -> Array:
+        """Returns the corners of the target in a scene, (n, 3) in m."""
+        scenario = documents.parse(document, allow_outside=self.allow_outside)
+        targets = scenario.variants[0].scene.targets
+        part = None if self.target in targets else self._split()[1]
+        target = targets[self.mesh or self.target]
+        if not isinstance(target, Mesh):
+            return placing.corners(target)
+        with files_refused(scenario):
+            return placed(target, scenario.locate).box_m(part)
+
     def plan(self, document: Document) -> Plan:
         """Returns the plan of a scene. Raises ScenarioError or PluginFailure."""
         plan = make_plan(documents.parse(document, allow_outside=self.allow_outside))
         checks.together(document, plan)
         return plan
+
+
+def _scene(document: Document, allow_outside: bool) -> Scene:
+    """Returns the scene of a document's only variant. Raises ScenarioError."""
+    return documents.parse(document, allow_outside=allow_outside).variants[0].scene
 
 
 def _frequency_key(sensor: Mapping[str, Any], path: str) -> str | None:
@@ -141,7 +186,7 @@ class Pair:
         if ghz is not None and base.key is not None:
             settings[base.key] = ghz
         there = base.at(range_m, settings)
-        gone = documents.changed(there, {f"targets.{base.target}": None}, {})
+        gone = documents.changed(there, base.gone(), {})
         plans = base.plan(there), base.plan(gone)
         spectrum = plans[0].variants[0].image.spectrum
         middle = float(np.mean(spectrum.planes(spectrum.nodes_hz.array))) / 1e9

@@ -18,15 +18,23 @@ MOST_SAMPLES = 256  # as many as a camera takes in a pixel
 
 
 def at_range(
-    camera: Mapping[str, Any], target: Mapping[str, Any], name: str, range_m: float, keep: bool
+    camera: Mapping[str, Any],
+    target: Mapping[str, Any],
+    name: str,
+    range_m: float,
+    keep: bool,
+    beside_m: Array | None = None,
 ) -> dict[str, Any]:
     """Returns the keys that put a target at a slant range from the camera to its centre.
 
     It moves along the horizontal line from camera to target, at its own height; the camera looks at
     its centre; with `keep` the focal length follows, so that it covers as many pixels. `camera` and
-    `target` are their tables. Raises ValueError for a range at which it cannot be.
+    `target` are their tables. What is looked at lies `beside_m` (3,) from the target's center_m, or
+    there if that is None. Raises ValueError for a range at which it cannot be.
     """
-    place, centre = np.array(camera["position_m"], float), np.array(target["center_m"], float)
+    beside = np.zeros(3) if beside_m is None else beside_m
+    place = np.array(camera["position_m"], float)
+    centre = np.array(target["center_m"], float) + beside
     away = centre - place
     height, along = float(away[2]), math.hypot(away[0], away[1])
     if not range_m > abs(height):
@@ -41,7 +49,8 @@ def at_range(
         )
     level = math.sqrt(range_m**2 - height**2)
     there = [*(place[:2] + away[:2] / along * level).tolist(), float(centre[2])]
-    found: dict[str, Any] = {f"targets.{name}.center_m": there, "camera.look_at_m": there}
+    stands = (np.array(there) - beside).tolist()
+    found: dict[str, Any] = {f"targets.{name}.center_m": stands, "camera.look_at_m": there}
     if keep:
         focal = float(camera["focal_length_mm"])
         found["camera.focal_length_mm"] = focal * range_m / math.hypot(along, height)
@@ -66,11 +75,11 @@ class Outline(NamedTuple):
         return self.ahead and all(-0.5 <= end <= 0.5 for end in (*self.across, *self.down))
 
 
-def outline(camera: Camera, target: Box | Billboard) -> Outline:
-    """Returns how a target lies in the picture of a camera."""
+def outline(camera: Camera, points_m: Array) -> Outline:
+    """Returns how a target whose corners are `points_m` (n, 3) lies in the picture of a camera."""
     rays = raster(camera)
     position, forward, right, up = camera_frame(camera, rays)
-    away = corners(target) - position
+    away = points_m - position
     depth = away @ forward
     if depth.min() <= 0:
         return Outline((0.0, 0.0), (0.0, 0.0), 0.0, ahead=False)
