@@ -539,3 +539,18 @@ def test_wrong_keys_are_refused_in_one_message(tmp_path, changes, words):
         run(tmp_path, scene(targets={"two": mesh}))
     assert len(refused.value.problems) == 1
     assert words in refused.value.problems[0]
+
+
+def test_a_part_that_is_not_shown_is_not_there(tmp_path):
+    """What stands behind it is."""
+    front, behind = solids.CUBE * [0.5, 2, 2] - [2, 0, 0], solids.CUBE * [0.5, 2, 2]
+    text = solids.obj(("front", front, solids.BOX_FACES), ("behind", behind, solids.BOX_FACES))
+    (tmp_path / "two.obj").write_text(text, encoding="utf-8")
+    mesh = {"kind": "mesh", "file": "two.obj", "center_m": [25.0, 7.0, 1.0], "temperature_k": 300.0}
+    shown = []
+    for there in (True, False):
+        parts = {"front": {"shown": there}, "behind": {}}
+        result = run(tmp_path, scene(targets={"two": mesh | {"parts": parts}}, atmosphere=MOIST))
+        shown.append((result.variants[0].sight.target == result.targets.index("two.front")).sum())
+        assert (result.variants[0].sight.target == result.targets.index("two.behind")).any()
+    assert shown[0] > 10 and shown[1] == 0

@@ -7,6 +7,7 @@ import math
 
 import numpy as np
 import pytest
+import solids
 from coverage_of_intervals import WORLDS, held
 from scenes import scene, write
 from scipy.stats import chi2, norm
@@ -317,3 +318,25 @@ def test_default_ranges_that_cannot_be_are_left_out_with_a_note(tmp_path, device
     assert any(note.startswith("2 m is left out: at 2 m plate overfills") for note in found.notes)
     with pytest.raises(UsageError, match="did you mean plate"):
         thzcl.detection_range(write(tmp_path, target()), "plat", device=device)
+
+
+def test_a_part_of_a_mesh_is_a_target(tmp_path, device):
+    """It is asked about with the rest of the mesh there, as a box before another box is."""
+    plate, button = solids.CUBE * [0.2, 3, 3], solids.CUBE * [0.2, 0.3, 0.3] - [0.4, 0, 0]
+    text = solids.obj(("plate", plate, solids.BOX_FACES), ("button", button, solids.BOX_FACES))
+    (tmp_path / "two.obj").write_text(text, encoding="utf-8")
+    mesh = {"kind": "mesh", "file": "two.obj", "center_m": [20.0, 0.0, 1.2], "temperature_k": 289.0}
+    mesh["parts"] = {"button": {"temperature_k": 289.6}}
+    box = {"kind": "box", "center_m": [20.0, 0.0, 1.2], "size_m": [0.2, 3.0, 3.0]}
+    near = box | {"center_m": [19.6, 0.0, 1.2], "size_m": [0.2, 0.3, 0.3]}
+    boxes = {"plate": box | {"temperature_k": 289.0}, "button": near | {"temperature_k": 289.6}}
+    found = []
+    for targets, name in (({"two": mesh}, "two.button"), (boxes, "button")):
+        source = write(tmp_path, target(targets=targets))
+        given = {"ranges": [19.6], "air": 40, "seed": 5, "device": device}
+        (curve,) = thzcl.detection_range(source, name, **given).curves
+        found.append(curve.samples[0])
+    one, other = found
+    assert one.pixels == other.pixels > 50
+    assert one.null == pytest.approx(other.null, rel=1e-4)
+    assert one.present == pytest.approx(other.present, rel=1e-4)

@@ -142,7 +142,7 @@ SINGLE = {
     ),
     "no such kind of target": (
         {"targets__box__kind": "sphere"},
-        "[targets] box: kind must be 'box' or 'billboard', not \"sphere\"",
+        "[targets] box: kind must be 'box' or 'billboard' or 'mesh', not \"sphere\"",
     ),
     "neither of two kinds": (
         {"sensor__frequency_ghz": {"a": 1}},

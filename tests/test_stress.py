@@ -13,7 +13,7 @@ from thzcl.plan import numerics
 from thzcl.sensing import bands
 from thzcl.studies.stress import judges, truth
 from thzcl.studies.stress.trial import DOUBLE, SINGLE, Case, examine
-from thzcl.surfaces import geometry, radiance
+from thzcl.surfaces import geometry, mirrors, radiance
 from thzcl.turbulence import cube, spectra
 
 LINES = ("183.31", "556.936", "752.033", "987.927")
@@ -229,6 +229,52 @@ REMEDIES = {
             ),
         ),
         [Shows("noise", (1e-11, 1e-6), ["NEP 0"])],
+    ),
+    "look-ups as fine as what is reflected asks": Remedy(
+        python(mirrors, "MOST", 65),
+        [
+            Shows(
+                "seen",
+                (4e-6, 0.1),
+                ["ground at grazing angles", "metal ground at grazing angles"],
+            )
+        ],
+    ),
+    "light that goes to and fro under a cover": Remedy(
+        kernels("source.cl", ("part / (1 - part * back)", "part")),
+        [Shows("seen", (1e-6, 1e-2), ["cover over metal, both of which reflect most"])],
+    ),
+    "a cover that emits what it absorbs": Remedy(
+        python(radiance._Layers, "_absorbed", lambda one: 0 * one.own),  # noqa: SLF001
+        [Shows("seen", (1e-5, 1e-2), ["cover that takes a ten-thousandth"])],
+    ),
+    "a mirrored ray that crosses the air": Remedy(
+        kernels("source.cl", ("sent * exp(-from->dimming[column] * there[4])", "sent")),
+        [Shows("seen", (1e-4, 1.0), ["wall seen in the ground"])],
+    ),
+    "mirrors as differences from the air": Remedy(
+        kernels(
+            "source.cl",
+            (
+                "real sent = own + part * (seen - own);",
+                f"real sent = ((1 - part) * (own + {AIR_F}) + part * (seen + {AIR_F})) - {AIR_F};",
+            ),
+            (
+                "real sent = own + exchanged *",
+                f"real sent = ((own + {AIR_F}) - {AIR_F} * (1 - 1e-7f)) + exchanged *",
+            ),
+        ),
+        [Shows("contrast", (1e-32, 1e-18), ["materials, cover, bounce and air equal"])],
+    ),
+    "edges that belong to both triangles": Remedy(
+        kernels(
+            "mesh.cl",
+            (
+                "if ((u < 0 || v < 0 || w < 0) && (u > 0 || v > 0 || w > 0)) return;",
+                "if ((u <= 0 || v <= 0 || w <= 0) && (u >= 0 || v >= 0 || w >= 0)) return;",
+            ),
+        ),
+        [Shows("depth", (0.1, 100.0), ["mesh whose edges and vertices lie on rays"])],
     ),
     "surfaces as differences from the air": Remedy(
         python(radiance, "_mixed", absolute),

@@ -273,7 +273,7 @@ static inline point normal_of(const hit *met)
 // The part (e . s)^2 of the power whose field stands across the plane of incidence: e is the
 // polarisation seen, projected across the ray, and s the unit vector across ray and normal. It is
 // half where the ray comes along the normal, or meets nothing.
-static inline wide part_across(point d, wide norm, const hit *met, __constant wide *polarization)
+static inline wide part_across(point d, wide norm, const hit *met, __global const wide *polarization)
 {
     const point n = normal_of(met), e = {polarization[0], polarization[1], polarization[2]};
     const point s = {n.y * d.z - n.z * d.y, n.z * d.x - n.x * d.z, n.x * d.y - n.y * d.x};
@@ -299,7 +299,7 @@ __kernel void surfaces(__constant frame *camera, int width, int height, wide max
                        __global real *restrict path_length, __global int *restrict surface,
                        __global real *restrict blend, __global real *restrict cosine,
                        __global real *restrict elevation, __global real *restrict upward,
-                       __constant wide *polarization, __global real *restrict across,
+                       __global const wide *polarization, __global real *restrict across,
                        __global int *restrict met, __global real *restrict bounce)
 {
     const int slot = get_global_id(0), ray = RAY(min(slot, count - 1));

@@ -33,8 +33,8 @@ class SurfaceKernels(Kernels):
     ground: bool
     boxes: bool
     billboards: bool
-    meshes: bool
-    tempered: bool
+    meshes: bool = False
+    tempered: bool = False
     blended: bool = False
     cosine: bool = False
     elevation: bool = False
@@ -289,7 +289,11 @@ def find_ends(
         cosine=facing.cosine,
         elevation=facing.elevation,
         upward=facing.upward,
-        polarization=device.put(_field(shape, asked.polarization_deg or 0.0), device.wide),
+        polarization=(
+            device.put(_field(shape, asked.polarization_deg), device.wide)
+            if asked.polarization_deg is not None
+            else None
+        ),
         across=facing.across,
         met=facing.met,
         bounce=facing.bounce,
@@ -349,6 +353,9 @@ def _things(device: Device, things: Things) -> dict[str, Any]:
     def table(rows: Values, dtype: DTypeLike) -> Buffer:
         return device.put(rows.array if rows.data else np.zeros(8), dtype)
 
+    def of_meshes(rows: Values, dtype: DTypeLike) -> Buffer | None:
+        return device.put(rows.array, dtype) if rows.data else None
+
     meshes = things.meshes
     return {
         "boxes": table(things.boxes, device.wide),
@@ -358,11 +365,11 @@ def _things(device: Device, things: Things) -> dict[str, Any]:
         "textures": table(things.textures, np.int32),
         "texels": table(things.texels, np.float32),
         "billboard_count": things.billboards.shape[0],
-        "mesh_boxes": table(meshes.boxes, np.float32),
-        "mesh_links": table(meshes.links, np.int32),
-        "mesh_triangles": table(meshes.corners, np.int32),
-        "mesh_vertices": table(meshes.vertices, device.wide),
-        "mesh_levels": table(meshes.levels, np.float32),
+        "mesh_boxes": of_meshes(meshes.boxes, np.float32),
+        "mesh_links": of_meshes(meshes.links, np.int32),
+        "mesh_triangles": of_meshes(meshes.corners, np.int32),
+        "mesh_vertices": of_meshes(meshes.vertices, device.wide),
+        "mesh_levels": of_meshes(meshes.levels, np.float32),
     }
 
 
