@@ -111,7 +111,7 @@ class Store:
     def write_index(self, keys: tuple[str, ...], detections: Sequence[str] = ()) -> dict[str, int]:
         """Writes the table of all members, made from their files; returns how many are in a state.
 
-        `keys` are the settings that are varied, `detections` the names of the files of d' and area by
+        `keys` are the settings that are varied, `detections` names the files of d' and area by
         the point of the grid. Raises OSError.
         """
         counts: dict[str, int] = {}
