@@ -22,7 +22,7 @@ SEGMENTS = {
     "figure8": 764_332,
     "figure9": 764_332,
     "fog": 25_713,
-    "lookout": 8_310_916,
+    "lookout": 5_119_844,
     "outdoor": 0,
     "quick": 27_184,
     "radiometer": 124_760_895,
