@@ -104,8 +104,8 @@ class OpticalProperties:
     axis. `temperature_k` is that of the constituent, where it is not the air's. `parts` splits the
     absorption up by name, as into that of dry air and of vapour.
 
-    Images are computed with `absorption` alone as yet: a constituent that scatters, or has a
-    temperature of its own, is refused there; spectra have it all.
+    What scatters, or has a temperature of its own, adds light to what is seen through it, in
+    plane layers from the ground up to the constituent's `layer_top_m`.
     """
 
     absorption: ArrayLike
