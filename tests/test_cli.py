@@ -27,6 +27,7 @@ STAGES = [
     "ground",
     "boxes",
     "billboards",
+    "meshes",
     "sky",
     "scattering",
     "outgoing-path",

@@ -89,6 +89,11 @@ SINGLE = {
         {"camera__look_at_m": [1.0, -2.0, 4.0]},
         "[camera] look_at_m: the camera looks at itself",
     ),
+    "looks nowhere": (
+        {"camera__position_m": [1e-300, 0, 1.2], "camera__look_at_m": [0, 0, 1.2]},
+        "[camera] look_at_m: the camera looks at itself",
+    ),
+    "tiny up": ({"camera__up": [0, 0, 1e-300]}, "[camera] up: must not be zero"),
     "under ground": (
         {"camera__position_m": [0, 0, -1.0]},
         "[camera] position_m: the camera is at z = -1 m",

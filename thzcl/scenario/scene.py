@@ -23,6 +23,7 @@ from thzcl.scenario.table import (
     key,
 )
 
+CLOSEST_M = 1e-6  # distance at which two points make no direction
 PixelCount = Annotated[int, Field(ge=1, le=16384)]
 Face = Literal["-x", "+x", "-y", "+y", "-z", "+z"]
 
@@ -58,13 +59,13 @@ class Camera(Table):
 
     def troubles(self) -> list[Trouble]:  # noqa: D102 (Table's)
         found = []
-        if self.position_m == self.look_at_m:
+        if math.dist(self.position_m, self.look_at_m) < CLOSEST_M:
             found.append(
                 Trouble(
                     ("look_at_m",), "the camera looks at itself; give a point away from position_m"
                 )
             )
-        if self.up == (0, 0, 0):
+        if max(map(abs, self.up)) < CLOSEST_M:
             found.append(Trouble(("up",), "must not be zero; [0, 0, 1] is upright"))
         return found
 
