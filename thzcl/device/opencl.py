@@ -131,8 +131,7 @@ class Program:
         if kernel not in self._kernels:
             self._kernels[kernel] = cl.Kernel(self._program, kernel)
         built = self._kernels[kernel]
-        for position, parameter in enumerate(parameters):
-            built.set_arg(position, self._raw(kernel, parameter, arguments[parameter.name]))
+        built.set_args(*(self._raw(kernel, one, arguments[one.name]) for one in parameters))
         self._device.in_use += [one for one in arguments.values() if isinstance(one, Buffer)]
         self._device.counters.launches += 1
         extent, group = self._device.grouped((size,) if isinstance(size, int) else size)
