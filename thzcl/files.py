@@ -1,4 +1,8 @@
-"""Opens files from outside with one set of checks, and writes files whole or not at all."""
+"""Opens files from outside with one set of checks, and writes files whole or not at all.
+
+A process that is killed (KILL, a power cut) leaves unfinished files. Their names tell which machine
+and which process made them, so that the next process removes what nobody is going to finish.
+"""
 
 from __future__ import annotations
 
@@ -6,13 +10,18 @@ import errno
 import hashlib
 import io
 import os
+import re
+import shutil
+import socket
 import stat
+import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
-from tempfile import NamedTemporaryFile
-from typing import TYPE_CHECKING, Any
+from tempfile import NamedTemporaryFile, TemporaryFile, mkdtemp
+from typing import TYPE_CHECKING
 
 from thzcl.errors import FileError, advice
 
@@ -21,6 +30,8 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
+_DAY_S = 86400.0
+_PART = re.compile(r"\.thzcl-([0-9a-f]{8})-(\d+)-")  # machine and process that made it
 _IN_FOLDER = "paths start from the scenario's folder"
 _NOT_REGULAR = (
     (stat.S_ISDIR, "a folder"),
@@ -229,7 +240,7 @@ def make_folder(folder: Path) -> None:
     Raises OSError if that fails.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    with _named(folder), NamedTemporaryFile(dir=folder, prefix=".thzcl."):
+    with _named(folder), TemporaryFile(dir=folder):
         pass
 
 
@@ -239,23 +250,12 @@ def write_whole(path: Path, write: Callable[[Path], object]) -> None:
     If `write` raises an error or is interrupted, `path` stays as it was. Raises OSError if the file
     cannot be written.
     """
-    with (
-        _named(path),
-        NamedTemporaryFile(
-            dir=path.parent, prefix=f".{path.name}.", suffix=path.suffix, delete=False
-        ) as file,
-    ):
-        part = Path(file.name)
-    try:
-        with _named(path):
-            write(part)
-            mask = os.umask(0)
-            os.umask(mask)
-            part.chmod(0o666 & ~mask)
-            part.replace(path)
-    except BaseException:  # an interrupt too leaves nothing half written
-        part.unlink(missing_ok=True)
-        raise
+    with _named(path), part_beside(path) as part:
+        write(part)
+        mask = os.umask(0)
+        os.umask(mask)
+        part.chmod(0o666 & ~mask)
+        part.replace(path)
 
 
 @contextmanager
@@ -269,64 +269,64 @@ def _named(path: Path) -> Iterator[None]:
         raise
 
 
-class Patient(io.RawIOBase):
-    """A new file for HDF5, which delays errors until it is closed.
+@contextmanager
+def part_beside(path: Path) -> Iterator[Path]:
+    """Makes an empty unfinished file in a path's folder, and removes it if it is still there.
 
-    The HDF5 library ends the process if an error, such as that of a full disk, is raised while it
-    writes. Here the first error, an interrupt included, is stored until close() raises it. After an
-    error nothing more is written, and zeros are read back.
+    Raises OSError if there can be none.
     """
+    sweep(path.parent)
+    with NamedTemporaryFile(
+        dir=path.parent, prefix=_prefix(), suffix=path.suffix, delete=False
+    ) as file:
+        part = Path(file.name)
+    try:
+        yield part
+    finally:
+        part.unlink(missing_ok=True)
 
-    def __init__(self, path: Path) -> None:
-        self._file = path.open("w+b")
-        self._error: BaseException | None = None
 
-    def write(self, data: Any) -> int:
-        """Writes all bytes, and returns their number."""
-        self._try(lambda: self._file.write(data))
-        return memoryview(data).nbytes
+def make_passing_folder(place: Path) -> Path:
+    """Returns a new folder, which this process should remove at its end. Raises OSError."""
+    sweep(place)
+    return Path(mkdtemp(prefix=_prefix(), dir=place))
 
-    def readinto(self, buffer: Any) -> int:
-        """Reads from the file into a buffer, and returns the number of bytes.
 
-        What the file does not hold is 0, since HDF5 would follow whatever the buffer held before.
-        """
-        count = self._try(lambda: self._file.readinto(buffer)) or 0
-        rest = memoryview(buffer).cast("B")[count:]
-        rest[:] = bytes(len(rest))
-        return count
+@cache
+def sweep(folder: Path) -> None:
+    """Removes what killed processes left in a folder; a process looks there once.
 
-    def seek(self, offset: int, whence: int = os.SEEK_SET) -> int:
-        """Moves to a position in the file, and returns it."""
-        return self._try(lambda: self._file.seek(offset, whence)) or 0
+    That is what processes of this machine made that live no longer, and what has not been touched
+    for a day. What cannot be removed stays.
+    """
+    with suppress(OSError):
+        for path in folder.iterdir():
+            found = _PART.match(path.name)
+            if found and _left(path, found[1], int(found[2])):
+                if path.is_dir():
+                    shutil.rmtree(path, ignore_errors=True)
+                else:
+                    with suppress(OSError):
+                        path.unlink()
 
-    def truncate(self, size: int | None = None) -> int:
-        """Changes the file's size, and returns it."""
-        return self._try(lambda: self._file.truncate(size)) or 0
 
-    def flush(self) -> None:
-        """Passes buffered bytes on to the operating system."""
-        if not self.closed:
-            self._try(self._file.flush)
+def _left(path: Path, machine: str, process: int) -> bool:
+    """Returns whether nobody is going to finish a file or folder."""
+    if machine == this_machine():
+        return not Path(f"/proc/{process}").exists()
+    with suppress(OSError):
+        return time.time() - path.stat().st_mtime > _DAY_S
+    return False
 
-    def close(self) -> None:
-        """Closes the file, and raises the first error that has occurred, if any."""
-        if self.closed:
-            return
-        self.flush()
-        super().close()
-        try:
-            self._file.close()
-        except OSError as error:  # the disk is still full, or the system reports it only now
-            self._error = self._error or error
-        if self._error is not None:
-            raise self._error
 
-    def _try(self, work: Callable[[], int | None]) -> int | None:
-        """Returns what `work` returns, or None once an error has occurred."""
-        if self._error is None:
-            try:
-                return work()
-            except BaseException as error:  # noqa: BLE001 (raised by close())
-                self._error = error
-        return None
+def _prefix() -> str:
+    return f".thzcl-{this_machine()}-{os.getpid()}-"
+
+
+@cache
+def this_machine() -> str:
+    """Returns a short text for this machine; containers count processes for themselves."""
+    counted = ""
+    with suppress(OSError):
+        counted = str(Path("/proc/self/ns/pid").readlink())
+    return hashlib.sha256(f"{socket.gethostname()} {counted}".encode()).hexdigest()[:8]

@@ -277,7 +277,12 @@ def _result(plan: Plan, device: Device, made: list[_Made], clock: Clock, figure:
         build_options=tuple(device.build_options),
         seconds=clock.seconds,
         left_out=tuple({"stage": stage.name, "reason": stage.reason} for stage in left_out),
-        warnings=(*report.warnings(plan, errors), *notes, *_missed(pairs)),
+        warnings=(
+            *filter(None, [device.note]),
+            *report.warnings(plan, errors),
+            *notes,
+            *_missed(pairs),
+        ),
         error_budget=_errors(pairs),
         voxel_segments=0,
         versions=versions(),

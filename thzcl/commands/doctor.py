@@ -31,19 +31,14 @@ def doctor() -> int:
 
 
 def _cache() -> Finding:
-    from thzcl.device import pocl
+    from thzcl.device import cache
 
-    folder = pocl.kernel_cache()
-    above = next(path for path in (folder, *folder.parents) if path.exists())
-    subject = "PoCL's kernel cache"
-    if above.is_dir() and os.access(above, os.W_OK):
+    folder = cache.kernel_folder()
+    reason, subject = cache.fault(folder), "PoCL's kernel cache"
+    if reason is None:
         return Finding(subject, True, f"{folder} can be written")
-    return Finding(
-        subject,
-        False,
-        f"{folder} cannot be written, so that PoCL shows no device; "
-        "mend: export POCL_CACHE_DIR=<a folder of yours>",
-    )
+    mend = "mend: export POCL_CACHE_DIR=<a folder of yours>"
+    return Finding(subject, False, f"{folder} {reason}; {mend}")
 
 
 def _linker() -> Finding:

@@ -1,4 +1,4 @@
-"""The binding to OpenCL: told not to keep anything where no cache can be written, and of forks."""
+"""The binding to OpenCL: told to keep nothing in a cache of its own, and of forks."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ import os
 from typing import Any
 from weakref import WeakSet
 
-from thzcl.device import cache
 from thzcl.errors import DeviceError
 
-if not cache.can_be_written():
-    os.environ.setdefault("PYOPENCL_NO_CACHE", "1")  # else its import breaks down
+# Its cache saves no time, and breaks down where it cannot be written. A setting of the user's own
+# stays.
+os.environ.setdefault("PYOPENCL_NO_CACHE", "1")
 import pyopencl as cl
 
 __all__ = ["cl", "held", "start"]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 
-from thzcl.device import linker, pocl, probe
+from thzcl.device import cache, linker, pocl, probe
 from thzcl.device.info import DeviceInfo, raw_devices
 from thzcl.device.opencl import Device
 from thzcl.errors import DeviceError
@@ -24,16 +24,18 @@ def open_device(choice: str | None = None) -> Device:
     kernels.
     """
     found = raw_devices()
+    kernels = cache.settle()
     if not found:
-        raise DeviceError("OpenCL sees no device; run `thzcl doctor`")
+        raise DeviceError(kernels.problem or "OpenCL sees no device; run `thzcl doctor`")
     info = chosen([info for _, info in found], choice)
     raw = found[info.number][0]
     if info.platform == pocl.PLATFORM:
         pocl.give_name(raw)
-        missing = linker.prepare()
+        missing = kernels.problem or linker.prepare()
         if missing:
             raise DeviceError(missing)
         probe.prove(info)
+        return Device(raw, info, kernels.note)
     return Device(raw, info)
 
 

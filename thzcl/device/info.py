@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from thzcl.device import library, pocl
+from thzcl.device import cache, library, pocl
 from thzcl.device.binding import cl, start
 
 
@@ -35,6 +35,7 @@ def raw_devices() -> list[tuple[Any, DeviceInfo]]:
     Raises DeviceError in a process that was forked after OpenCL had started.
     """
     start()
+    cache.settle()
     pocl.set_environment()
     try:
         found = [device for platform in cl.get_platforms() for device in platform.get_devices()]

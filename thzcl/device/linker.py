@@ -6,11 +6,10 @@ import os
 import shutil
 import stat
 import sys
-import tempfile
 from importlib.util import find_spec
 from pathlib import Path
 
-from thzcl.device.cache import cache_folder
+from thzcl.device.cache import folder_of_programs
 
 REMEDY = "`apt-get install gcc` (Debian and Ubuntu) or `pip install 'thzcl[linker]'` provides it"
 
@@ -32,17 +31,14 @@ exec "{python}" -m ziglang ld.lld "$@"
 def prepare() -> str | None:
     """Makes sure that some `ld` is on the PATH, the ziglang wheel's if need be.
 
-    Returns None, or a sentence that says what is missing.
+    Returns None, or a sentence that says what is missing. Raises DeviceError if there is no place
+    for that of the wheel.
     """
     if shutil.which("ld"):
         return None
     if find_spec("ziglang") is None:
         return f"no linker `ld` was found; {REMEDY}"
-    try:
-        folder = cache_folder() / "linker"
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError:
-        folder = Path(tempfile.mkdtemp(prefix="thzcl-linker-"))
+    folder = folder_of_programs("linker")
     shim = folder / "ld"
     shim.write_text(_SHIM.format(python=sys.executable), encoding="utf-8")
     shim.chmod(shim.stat().st_mode | stat.S_IXUSR)

@@ -157,11 +157,12 @@ class _Recipe(NamedTuple):
 
 
 class Device:
-    """One OpenCL device with its queue."""
+    """One OpenCL device with its queue; `note` is what users should know of how it is used."""
 
-    def __init__(self, device: Any, info: DeviceInfo) -> None:
+    def __init__(self, device: Any, info: DeviceInfo, note: str = "") -> None:
         held.add(self)
         self.info = info
+        self.note = note
         self.context = cl.Context([device])
         self.queue = cl.CommandQueue(self.context)
         self.in_place = info.kind == "CPU" and bool(device.host_unified_memory)

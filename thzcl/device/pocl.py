@@ -107,9 +107,3 @@ def processor() -> tuple[str, frozenset[str]]:
         name, _, value = line.partition(":")
         found.setdefault(name.strip(), value.strip())
     return found.get("vendor_id", ""), frozenset(found.get("flags", "").split())
-
-
-def kernel_cache() -> Path:
-    """Returns the folder in which PoCL keeps what it builds; where it cannot, it has no device."""
-    own = os.environ.get("POCL_CACHE_DIR")
-    return Path(own or Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "pocl")

@@ -9,10 +9,11 @@ from typing import Any, NamedTuple, Self
 
 import numpy as np
 
-from thzcl.files import RESULT, Patient, open_netcdf
+from thzcl.files import RESULT, open_netcdf
 from thzcl.results import netcdf
 from thzcl.results.contents import Array, Contents
 from thzcl.results.netcdf import Variable
+from thzcl.results.patient import Patient
 
 STILL = ("path_length", "target", "absolute_humidity", "air_temperature")
 MOST_MILLISECONDS = 65_535 * 10  # that a GIF can show a frame for

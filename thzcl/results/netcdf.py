@@ -12,8 +12,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from thzcl.files import Patient
 from thzcl.results.contents import Array, Contents, Cube, readable
+from thzcl.results.patient import Patient
 from thzcl.results.spread import signal
 from thzcl.results.summary import of_variant
 from thzcl.sensor import Echoes, Image, Radiances

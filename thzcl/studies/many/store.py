@@ -8,11 +8,10 @@ import os
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from pathlib import Path
-from tempfile import NamedTemporaryFile
 from typing import Any
 
 from thzcl.errors import UsageError
-from thzcl.files import make_folder, write_whole
+from thzcl.files import make_folder, part_beside, write_whole
 from thzcl.results.rows import KEYS, METRICS
 from thzcl.studies.many.members import Study
 
@@ -54,12 +53,11 @@ class Store:
         make_folder(self.members)
         path = self.folder / DESCRIPTION
         text = json.dumps(study.identity, indent=1, default=str)
-        with NamedTemporaryFile("w", dir=self.folder, prefix=".study.", encoding="utf-8") as part:
-            part.write(text)
-            part.flush()
-            Path(part.name).chmod(0o644)
+        with part_beside(path) as part:
+            part.write_text(text, encoding="utf-8")
+            part.chmod(0o644)
             with suppress(FileExistsError):
-                os.link(part.name, path)
+                os.link(part, path)
         stored = self.described()
         own = json.loads(text)
         if stored is not None and stored != own:
