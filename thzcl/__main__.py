@@ -23,7 +23,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     _occupy_standard_files()
     try:
-        with _terminated_as_interrupted(), _any_letter_printed():
+        with _ended_as_interrupted(), _any_letter_printed():
             from thzcl.commands.app import call
 
             code = call(sys.argv[1:] if arguments is None else arguments)
@@ -78,23 +78,30 @@ def _occupy_standard_files() -> None:
 
 
 @contextmanager
-def _terminated_as_interrupted() -> Iterator[None]:
-    """Has a batch system's TERM end a command as Ctrl-C does: with nothing left half written."""
+def _ended_as_interrupted() -> Iterator[None]:
+    """Has what would end the process end a command as Ctrl-C does: with nothing left half written.
+
+    That is a batch system's TERM, a terminal that closes, and a limit on processor time.
+    """
 
     def interrupt(*_: object) -> None:
         raise KeyboardInterrupt
 
+    replaced = []
     try:
-        if signal.getsignal(signal.SIGTERM) is signal.SIG_DFL:
-            signal.signal(signal.SIGTERM, interrupt)
+        for number in (signal.SIGTERM, signal.SIGHUP, signal.SIGXCPU):
+            if signal.getsignal(number) is signal.SIG_DFL:
+                signal.signal(number, interrupt)
+                replaced.append(number)
     except ValueError:  # in a thread, whose process has signals of its own
         yield
         return
     try:
         yield
     finally:
-        if signal.getsignal(signal.SIGTERM) is interrupt:
-            signal.signal(signal.SIGTERM, signal.SIG_DFL)
+        for number in replaced:
+            if signal.getsignal(number) is interrupt:
+                signal.signal(number, signal.SIG_DFL)
 
 
 @contextmanager

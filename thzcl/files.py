@@ -313,10 +313,19 @@ def sweep(folder: Path) -> None:
 def _left(path: Path, machine: str, process: int) -> bool:
     """Returns whether nobody is going to finish a file or folder."""
     if machine == this_machine():
-        return not Path(f"/proc/{process}").exists()
+        with suppress(PermissionError):  # it lives, and is another user's
+            return not _lives(process)
     with suppress(OSError):
         return time.time() - path.stat().st_mtime > _DAY_S
     return False
+
+
+def _lives(process: int) -> bool:
+    try:
+        os.kill(process, 0)
+    except (ProcessLookupError, OverflowError):
+        return False
+    return True
 
 
 def _prefix() -> str:

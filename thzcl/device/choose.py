@@ -26,6 +26,7 @@ def open_device(choice: str | None = None) -> Device:
     found = raw_devices()
     kernels = cache.settle()
     if not found:
+        pocl.refuse_without_memory()  # it shows no device then
         raise DeviceError(kernels.problem or "OpenCL sees no device; run `thzcl doctor`")
     info = chosen([info for _, info in found], choice)
     raw = found[info.number][0]

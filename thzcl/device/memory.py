@@ -13,27 +13,34 @@ CGROUPS = Path("/sys/fs/cgroup")
 
 
 def available_memory() -> int:
-    """Returns the least of the machine's memory, the control groups' limits and the address space.
+    """Returns the least of the machine's memory, the control groups' limits and the process's own.
 
-    The address space (`ulimit -v`) counts less what is mapped already. All in bytes.
+    Those of the process (`ulimit -v`, `ulimit -d`) and of its groups count less what it uses
+    already. All in bytes.
     """
-    return min([_physical(), *_cgroups(PROC / "cgroup", CGROUPS), *_address_space()])
+    groups = (limit - _used("VmRSS") for limit in _cgroups(PROC / "cgroup", CGROUPS))
+    return max(min([_physical(), *groups, *_of_process()]), 0)
 
 
 def _physical() -> int:
     return os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
 
 
-def _address_space() -> Iterator[int]:
-    """Yields what is left of the address space, if it is limited."""
-    soft, _ = resource.getrlimit(resource.RLIMIT_AS)
-    if soft == resource.RLIM_INFINITY:
-        return
-    mapped = 0
-    with suppress(OSError):
-        pages = (PROC / "statm").read_text(encoding="ascii").split()[0]
-        mapped = int(pages) * resource.getpagesize()
-    yield max(soft - mapped, 0)
+def _of_process() -> Iterator[int]:
+    """Yields what is left of the address space and of the data segment, if they are limited."""
+    for kind, used in ((resource.RLIMIT_AS, "VmSize"), (resource.RLIMIT_DATA, "VmData")):
+        soft, _ = resource.getrlimit(kind)
+        if soft != resource.RLIM_INFINITY:
+            yield soft - _used(used)
+
+
+def _used(name: str) -> int:
+    """Returns how much memory this process uses of a kind that Linux names, bytes."""
+    with suppress(OSError, ValueError, IndexError):
+        for line in (PROC / "status").read_text(encoding="utf-8", errors="replace").splitlines():
+            if line.startswith(f"{name}:"):
+                return 1024 * int(line.split()[1])
+    return 0
 
 
 def _cgroups(membership: Path, root: Path) -> Iterator[int]:

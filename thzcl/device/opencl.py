@@ -265,7 +265,9 @@ class Device:
         return Program(self, self._compiled(source, arguments), signature.signatures(source), types)
 
     def _compiled(self, source: str, arguments: list[str]) -> Any:
-        """Returns an OpenCL program. Raises DeviceError if the compiler refuses it."""
+        """Returns an OpenCL program. Raises DeviceError if it cannot be built."""
+        if self.pocl:
+            pocl.refuse_without_memory()
         try:
             return _built(cl.Program(self.context, source), arguments)
         except cl.Error as error:

@@ -17,7 +17,11 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+from thzcl.device.memory import available_memory
+from thzcl.errors import DeviceError
+
 PLATFORM = "Portable Computing Language"
+BUILD_BYTES = 400_000_000  # of memory that its compiler was found to take, and a third more
 HEADER = "device/pocl"  # the kernels' part
 CPU_INFO = Path("/proc/cpuinfo")
 SLOW_GATHERS = Path("/sys/devices/system/cpu/vulnerabilities/gather_data_sampling")
@@ -40,6 +44,20 @@ def set_environment() -> None:
     version so far does the same, but only a first run shows it.
     """
     os.environ.setdefault("POCL_WORK_GROUP_SPECIALIZATION", "0")
+
+
+def refuse_without_memory() -> None:
+    """Raises DeviceError if there is no memory to build kernels: PoCL would end the process.
+
+    No version that ends it is known.
+    """
+    left = available_memory()
+    if left < BUILD_BYTES:
+        text = f"may use {left / 1e6:.0f} MB more, and building kernels takes {BUILD_BYTES / 1e6:g}"
+        raise DeviceError(
+            f"this process {text} MB; raise the limit of its memory (ulimit -v, ulimit -d, or that "
+            "of its container)"
+        )
 
 
 def give_name(device: Any) -> None:

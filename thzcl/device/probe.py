@@ -28,8 +28,10 @@ def prove(device: info.DeviceInfo) -> None:
     """
     driver = f"{device.platform} {device.driver} {device.name}"
     mark = cache.entry("probed", (driver, linker.identity(), sys.prefix))
-    if mark.exists():
-        return
+    with suppress(OSError):
+        if mark.exists():
+            return
+    pocl.refuse_without_memory()
     said = [line.strip() for line in _child(device.number).splitlines() if line.strip()]
     if PROVED not in said:
         last = f" (it said: {said[-1][:200]})" if said else ""

@@ -61,7 +61,7 @@ def _reason(raised: BaseException) -> str:
 
 @contextmanager
 def _signals() -> Iterator[list[BaseException]]:
-    """Yields the exceptions that handlers of SIGINT and SIGTERM raise meanwhile.
+    """Yields the exceptions that handlers of signals raise meanwhile.
 
     Handlers run in the main thread alone, so that elsewhere there is nothing to tell apart. A call
     within a call has the list of the outer one.
@@ -76,7 +76,7 @@ def _signals() -> Iterator[list[BaseException]]:
     replaced: list[tuple[int, Callable[[int, FrameType | None], Any]]] = []
     _in_progress.append(raised)
     try:
-        for number in (signal.SIGINT, signal.SIGTERM):
+        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGXCPU):
             handler = signal.getsignal(number)
             if callable(handler):
                 replaced.append((number, handler))

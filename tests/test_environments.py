@@ -1,0 +1,12 @@
+"""A few odd environments; `python tests/environments.py` tries many."""
+
+from __future__ import annotations
+
+import environments
+import pytest
+
+
+@pytest.mark.slow
+def test_odd_environments_do_no_harm():
+    broken = environments.search(seed=20, count=8)
+    assert not broken, "\n".join(broken)
