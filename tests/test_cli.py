@@ -7,16 +7,22 @@ import io
 import json
 import os
 import resource
+import shlex
 import signal
 import subprocess
 import sys
 import time
 
 import pytest
+import typer
 from conftest import ROOT
 from scenes import scene, write
 
+from thzcl.commands import app
 from thzcl.commands.app import COMMANDS
+from thzcl.commands.options import changes
+from thzcl.pipeline import prepare
+from thzcl.scenario.source import shipped
 
 STAGES = [
     "surrogate",
@@ -37,21 +43,59 @@ STAGES = [
 ]
 
 
-def test_help_names_every_command_and_swallows_nothing(thzcl_command):
-    told = thzcl_command("--help").stdout
-    assert all(f" {command} " in told for command in COMMANDS)
+@pytest.fixture
+def help_of(monkeypatch, capsys):
+    """What `--help` prints of a command, or of all, on a terminal of so many columns."""
+
+    def call(*command, columns=80):
+        monkeypatch.setenv("COLUMNS", str(columns))
+        assert app.call([*command, "--help"]) == 0
+        return capsys.readouterr().out
+
+    return call
+
+
+def test_help_names_every_command_with_all_that_it_says_of_itself(help_of):
+    told = " ".join(help_of().split())
     for command in COMMANDS:
-        done = thzcl_command(command, "-h")
-        assert done.returncode == 0
-        assert "Usage: thzcl" in done.stdout
-        assert done.stdout.splitlines()[3].strip()  # what it does
-    assert "as [sensor] kind" in thzcl_command("new-sensor", "--help").stdout
+        says = " ".join(help_of(command).partition("\n\n")[2].partition("\n\n")[0].split())
+        assert f" {command} {says}" in told
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_help_has_an_example_swallows_nothing_and_fits(help_of, command):
+    narrow = help_of(command)
+    assert narrow.endswith(f"\n  Example:\n    {COMMANDS[command]}\n")
+    assert f" {command}" in COMMANDS[command]
+    wide = help_of(command, columns=200)
+    assert narrow.split() == wide.split()
+    for parameter in typer.main.get_command(app.app).get_command(None, command).params:
+        names = parameter.opts if parameter.param_type_name == "option" else [parameter.metavar]
+        assert {*names} <= {word.strip(",") for word in narrow.split()}
+    for columns in (80, 100, 200):
+        assert max(map(len, help_of(command, columns=columns).splitlines())) <= columns
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_the_example_in_a_help_is_a_line_that_the_command_takes(command):
+    """Its options are known and well formed, and its scene is one that comes along."""
+    name, *arguments = shlex.split(COMMANDS[command].partition(" >")[0])[1:]
+    assert name == command
+    made = typer.main.get_command(app.app).get_command(None, command)
+    given = made.make_context(command, arguments).params
+    assert given.get("scenario") in (None, *shipped())
+    if "settings" in given:
+        prepare(given["scenario"], changes(given["settings"]), given["variant"] or ())
+
+
+def test_help_takes_brackets_for_no_markup(help_of):
+    assert "as [sensor] kind" in help_of("new-sensor")
 
 
 def test_help_without_a_command_and_advice_for_a_mistyped_one(thzcl_command):
     bare = thzcl_command()
-    assert bare.returncode == 2
-    assert "Usage: thzcl" in bare.stdout
+    assert (bare.returncode, bare.stdout) == (2, "")
+    assert "Usage: thzcl" in bare.stderr
     assert "Did you mean 'run'" in thzcl_command("rum").stderr
 
 

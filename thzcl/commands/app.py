@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from importlib import import_module
+from inspect import getdoc
 from typing import Annotated, Any
 
 import typer
@@ -13,31 +14,31 @@ from typer.core import TyperCommand, TyperGroup
 
 from thzcl.errors import BAD_INPUT, DONE
 
-# In the order of the help. Each is a function in a module of its own name beside this one, which
-# is imported only when the command is asked for.
-COMMANDS = (
-    "run",
-    "check",
-    "plan",
-    "absorption",
-    "fluctuations",
-    "study",
-    "range",
-    "report",
-    "convergence",
-    "stress",
-    "bench",
-    "sensors",
-    "constituents",
-    "materials",
-    "new-sensor",
-    "new-constituent",
-    "scenarios",
-    "new",
-    "schema",
-    "devices",
-    "doctor",
-)
+# In the order of the help, each with an example for its own. Each is a function in a module of its
+# name beside this one, which is imported only when the command is asked for.
+COMMANDS = {
+    "run": "thzcl run figure6 --set camera.pixels=[128,128] -o out",
+    "check": "thzcl check figure6 --set atmosphere.temperature_k=290",
+    "plan": 'thzcl plan figure6 --variant "(c) 273 K"',
+    "absorption": "thzcl absorption --frequency-ghz 340,650 --relative-humidity-percent 50",
+    "fluctuations": "thzcl fluctuations record.csv --height-m 3 --scene air.toml -o out",
+    "study": "thzcl study quick -o weather --over atmosphere.temperature_k=280:300:5",
+    "range": "thzcl range lookout --target person --ranges 40:160:20 --air 40",
+    "report": "thzcl report figure6.nc",
+    "convergence": "thzcl convergence quick --knobs ray_stride -o out",
+    "stress": "thzcl stress --device 0",
+    "bench": "thzcl bench figure6 --repeat 3",
+    "sensors": "thzcl sensors radiometer",
+    "constituents": "thzcl constituents p676-13",
+    "materials": "thzcl materials steel",
+    "new-sensor": "thzcl new-sensor my-sensor",
+    "new-constituent": "thzcl new-constituent my-dust",
+    "scenarios": "thzcl scenarios figure6 > mine.toml",
+    "new": "thzcl new mine.toml --from figure6",
+    "schema": "thzcl schema > thzcl.schema.json",
+    "devices": "thzcl devices --format json",
+    "doctor": "thzcl doctor",
+}
 COMPLETION = "_THZCL_COMPLETE"  # of the environment, in which a shell's completion asks
 LOCAL = "local"  # the address of a cluster that is started here; typer has no optional values
 # What typer raises for a command line that makes no sense.
@@ -45,7 +46,7 @@ USAGE_ERROR: Any = typer.BadParameter.__base__
 
 
 class Command(TyperCommand):
-    """A command whose help is printed as it is written."""
+    """A command with an option that may stand without its value."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         """Reads a command line, on which `--dask` may stand without an address."""
@@ -53,11 +54,6 @@ class Command(TyperCommand):
         pairs = zip(args, following, strict=True)
         filled = [f"{a}={LOCAL}" if a == "--dask" and "://" not in b else a for a, b in pairs]
         return super().parse_args(ctx, filled)
-
-    def format_help(self, ctx: Any, formatter: Any) -> None:
-        """Writes the help; "[sensor]" in it is no markup."""
-        _escape(self)
-        super().format_help(ctx, formatter)
 
 
 class Group(TyperGroup):
@@ -77,34 +73,31 @@ class Group(TyperGroup):
             self.commands[cmd_name] = _imported(cmd_name)
         return self.commands.get(cmd_name)
 
-    def format_help(self, ctx: Any, formatter: Any) -> None:
-        """Writes the help of the whole app, for which every command is imported."""
-        for name in COMMANDS:
-            _escape(self.get_command(ctx, name))
-        super().format_help(ctx, formatter)
-
 
 def _imported(command: str) -> Any:
     """Imports a command's module, and returns the command as typer makes it of its function."""
     name = command.replace("-", "_")
-    alone = typer.Typer(add_completion=False)
-    alone.command(command, cls=Command)(getattr(import_module(f"thzcl.commands.{name}"), name))
+    function = getattr(import_module(f"thzcl.commands.{name}"), name)
+    alone = typer.Typer(add_completion=False, rich_markup_mode=None)
+    alone.command(
+        command,
+        cls=Command,
+        short_help=_first_paragraph(function),  # which typer would cut otherwise
+        epilog=f"\b\nExample:\n  {COMMANDS[command]}",  # \b: lines as they are
+    )(function)
     return typer.main.get_command(alone)
 
 
-def _escape(command: Any) -> None:
-    """Has rich print the texts of a command's help as they are."""
-    from rich.markup import escape
-
-    for item in (command, *command.params):
-        if getattr(item, "help", None):
-            item.help = escape(item.help)
+def _first_paragraph(function: Callable[..., Any]) -> str:
+    """Returns the beginning of a function's docstring, as one line."""
+    return " ".join((getdoc(function) or "").partition("\n\n")[0].split())
 
 
 app = typer.Typer(
     cls=Group,
     help="What will this terahertz imager see, through this air?",
     no_args_is_help=True,
+    rich_markup_mode=None,  # which would cut long options, and take "[sensor]" for markup
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 

@@ -24,7 +24,7 @@ PREFIXES = (("G", 1e9), ("M", 1e6), ("k", 1e3))
 
 
 def bench(
-    scenario: Annotated[str, typer.Argument(metavar="[SCENARIO]", help="as for run")] = "slide",
+    scenario: Annotated[str, typer.Argument(metavar="SCENARIO", help="as for run")] = "slide",
     settings: Settings = None,
     variant: Variants = None,
     device: DeviceChoice = None,

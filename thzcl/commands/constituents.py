@@ -9,7 +9,7 @@ import typer
 
 def constituents(
     name: Annotated[
-        str | None, typer.Argument(metavar="[NAME]", help="a constituent, for its manual page")
+        str | None, typer.Argument(metavar="NAME", help="a constituent, for its manual page")
     ] = None,
 ) -> None:
     """List what air can be made of, or show one's manual page and parameters."""

@@ -13,7 +13,7 @@ TOLD_DEG = (0.0, 45.0, 75.0)
 
 def materials(
     name: Annotated[
-        str | None, typer.Argument(metavar="[NAME]", help="a material, for what it reflects")
+        str | None, typer.Argument(metavar="NAME", help="a material, for what it reflects")
     ] = None,
 ) -> None:
     """List the materials that come with thzcl, or show one's source, range and reflectivity."""

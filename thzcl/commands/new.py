@@ -21,7 +21,7 @@ def new(
         str, typer.Option("--from", metavar="NAME", help="the shipped scene to start from")
     ] = "quick",
 ) -> None:
-    """Write a commented scene to start from, and its schema for editors: `thzcl new mine.toml`."""
+    """Write a commented scene to start from, and its schema for editors."""
     from thzcl.files import write_whole
     from thzcl.scenario.manual import SCHEMA_ID, scenario_schema
     from thzcl.scenario.source import shipped_files, shipped_text

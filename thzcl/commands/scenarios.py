@@ -8,9 +8,9 @@ import typer
 
 
 def scenarios(
-    name: Annotated[str | None, typer.Argument(metavar="[NAME]", help="print this one")] = None,
+    name: Annotated[str | None, typer.Argument(metavar="NAME", help="print this one")] = None,
 ) -> None:
-    """List the shipped scenes, or print one: `thzcl scenarios figure6 > mine.toml`."""
+    """List the shipped scenes, or print one to start from."""
     from thzcl.commands.tables import Column, Table, show
     from thzcl.scenario.source import shipped, shipped_text
 

@@ -9,7 +9,7 @@ import typer
 
 def sensors(
     name: Annotated[
-        str | None, typer.Argument(metavar="[NAME]", help="a sensor, for its manual page")
+        str | None, typer.Argument(metavar="NAME", help="a sensor, for its manual page")
     ] = None,
 ) -> None:
     """List the sensors, or show one's manual page and parameters."""
