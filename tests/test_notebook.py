@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import doctest
 
 import numpy as np
@@ -11,14 +12,15 @@ from conftest import ROOT
 
 import thzcl
 from thzcl import pipeline
-from thzcl.errors import ScenarioError
+from thzcl.errors import FileError, ScenarioError
+from thzcl.results import result as results
 from thzcl.scenario import source
 
 QUICK = (ROOT / "scenarios" / "quick.toml").read_text(encoding="utf-8")
 FEW = {"camera.pixels": [8, 6], "atmosphere.fluctuations.seed": 3}
 
 
-@pytest.mark.parametrize("module", [pipeline, source])
+@pytest.mark.parametrize("module", [pipeline, source, results])
 def test_examples_in_docstrings(tmp_path, monkeypatch, module):
     monkeypatch.chdir(tmp_path)
     failed, tried = doctest.testmod(module)
@@ -62,3 +64,142 @@ def test_paths_in_a_scene_of_no_file_start_from_a_folder():
 
 def test_what_thzcl_offers():
     assert {"Result", "Scene", "open_device", "run"} <= set(dir(thzcl))
+
+
+# --- other settings without a new trace -----------------------------------------------------------
+
+SMALL = {"camera.pixels": [16, 12], "numerics.error_budget": False}
+BAND = {"kind": "passive-broadband", "center_ghz": 600, "bandwidth_ghz": 40}
+SAME_RAYS = {
+    "frequency": {"sensor.frequency_ghz": 340},
+    "several": {"sensor.frequency_ghz": np.array([340.0, 650.0])},
+    "model": {"atmosphere.model": "r24"},
+    "models": {"atmosphere.compare": ["r24"]},
+    "band": {"sensor": BAND | {"noise_equivalent_power_w_rthz": 1e-12, "frame_rate_hz": 30}},
+    "noise": {"numerics.noise_seed": np.int64(5)},
+    "warmer": {"targets.box.temperature_k": 310.0},
+    "drier": {"atmosphere.relative_humidity_percent": 30},
+    "taken away": {"ground": None},
+}
+
+
+@pytest.mark.parametrize("name", SAME_RAYS)
+def test_what_leaves_the_rays_is_not_traced_again(device, name):
+    first = thzcl.run("quick", settings=SMALL, device=device, figure=False)
+    changed = first.with_settings(SAME_RAYS[name], figure=False)
+    due = thzcl.run("quick", settings=SMALL | SAME_RAYS[name], device=device, figure=False)
+    assert changed.variants[0].image.values == pytest.approx(due.variants[0].image.values, abs=1e-4)
+    assert due.voxel_segments > 0
+    if name != "taken away":  # other surfaces, other rays
+        assert changed.voxel_segments == 0 and "trace" not in changed.seconds
+    assert thzcl.run(source.Scene(changed.scenario_toml), device=device, settings=SMALL).variants
+
+
+OTHER_RAYS = {
+    "air": {"atmosphere.fluctuations.seed": 9},
+    "camera": {"camera.focal_length_mm": 90},
+    "closer": {"numerics.ray_stride": 1},
+    "rain": {"atmosphere.rain.rate_mm_h": 5},  # rays that meet nothing end at its top
+}
+
+
+@pytest.mark.parametrize("name", OTHER_RAYS)
+def test_what_changes_rays_or_air_is_traced_again(device, name):
+    first = thzcl.run("quick", settings=SMALL | {"numerics.ray_stride": 4}, device=device)
+    changed = first.with_settings(OTHER_RAYS[name])
+    due = thzcl.run(
+        "quick", settings=SMALL | {"numerics.ray_stride": 4} | OTHER_RAYS[name], device=device
+    )
+    assert changed.voxel_segments == due.voxel_segments > 0
+    assert np.array_equal(changed.variants[0].image.values, due.variants[0].image.values)
+
+
+def test_rays_that_may_have_ended_in_the_air_are_not_taken_for_clearer_air(device):
+    """At 557 GHz nothing is seen through 30 m; what ended there is not what 340 GHz sees."""
+    opaque = SMALL | {"sensor.frequency_ghz": 556.9, "numerics.cutoff_depth": 3.0}
+    first = thzcl.run("quick", settings=opaque, device=device, figure=False)
+    changed = first.with_settings({"sensor.frequency_ghz": 340}, figure=False)
+    due = thzcl.run("quick", settings=opaque | {"sensor.frequency_ghz": 340}, device=device)
+    assert np.array_equal(changed.variants[0].image.values, due.variants[0].image.values)
+    assert changed.voxel_segments == due.voxel_segments
+
+
+def test_chosen_variants_averages_and_copies(device):
+    """Variants are chosen, averages and copies traced anew, and what is not kept stays nowhere."""
+    few = SMALL | {"atmosphere.fluctuations.grid": 16}
+    first = thzcl.run("figure6", settings=few, variants=["(a) 263 K"], device=device, figure=False)
+    changed = first.with_settings({"sensor.frequency_ghz": 340}, figure=False)
+    assert [one.name for one in changed.variants] == ["(a) 263 K"]
+    mean = changed.with_settings({"numerics.realizations": 2}, figure=False)
+    assert mean.kept.held is None and mean.with_settings({}, figure=False).voxel_segments > 0
+    there = copy.deepcopy(first)
+    assert there.kept is None and there.with_settings({}, figure=False).voxel_segments > 0
+    bare = thzcl.run("quick", settings=SMALL, device=device, figure=False, keep=False)
+    assert bare.kept.held is None and bare.with_settings({}, figure=False).voxel_segments > 0
+    with pytest.raises(ScenarioError, match="frequency_ghz"):
+        first.with_settings({"sensor.frequency_ghz": -1})
+
+
+# --- results read back ----------------------------------------------------------------------------
+
+STORED = {
+    "variants": ("figure6", {}),
+    "active": ("figure9", {}),
+    "rain": ("rain-active", {}),
+    "average": ("quick", {"numerics.realizations": 2, "output.save_field": True}),
+    "models": ("slide", {"atmosphere.compare": ["p676-13", "r24"], "output.model_spread": True}),
+    "band": ("concealed", {}),
+    "frequencies": ("quick", {"sensor.frequency_ghz": [340, 650]}),
+}
+
+
+@pytest.mark.parametrize("name", STORED)
+def test_a_result_comes_back_from_its_file(device, tmp_path, name):
+    """Written again it is the same but for the rounding of sums, and its picture is the same."""
+    scene, changes = STORED[name]
+    first = thzcl.run(scene, settings=SMALL | changes, device=device)
+    found = thzcl.Result.load(first.save(tmp_path / "a.nc"))
+    one, other = first.to_xarray(), found.to_xarray()
+    assert set(one.variables) == set(other.variables)
+    for variable in one.variables:
+        ours, theirs = one[variable], other[variable]
+        assert ours.attrs.keys() == theirs.attrs.keys() and ours.dims == theirs.dims
+        if ours.dtype.kind == "f":
+            rounded = 4e-5 if variable == "brightness_temperature" else 0
+            np.testing.assert_allclose(theirs, ours.values.astype(ours.dtype), 0, rounded)
+        else:
+            assert np.array_equal(ours, theirs)
+    alike = one.attrs.keys() - {"summary"}
+    assert {key: str(one.attrs[key]) for key in alike} == {k: str(other.attrs[k]) for k in alike}
+    assert found.plot().get_suptitle() == first.plot().get_suptitle()
+    assert [v["targets"].keys() for v in found.summary()["variants"]] == [
+        v["targets"].keys() for v in first.summary()["variants"]
+    ]
+    assert found.with_settings({"numerics.noise_seed": 3}).variants
+
+
+def test_files_that_hold_no_result_are_refused(tmp_path):
+    import h5netcdf
+
+    with h5netcdf.File(tmp_path / "a.nc", "w") as file:
+        file.attrs["title"] = "else"
+    with pytest.raises(FileError, match="holds no whole result"):
+        thzcl.Result.load(tmp_path / "a.nc")
+    thzcl.sequence(
+        "quick",
+        tmp_path / "s.nc",
+        settings=SMALL
+        | {
+            "atmosphere.fluctuations.wind_m_s": [0, 2, 0],
+            "sequence.rate_hz": 5,
+            "sequence.frames": 2,
+        },
+        figure=False,
+    )
+    with pytest.raises(FileError, match="frames of a sequence; open it with xarray"):
+        thzcl.Result.load(tmp_path / "s.nc")
+
+
+def test_a_result_shows_itself(device):
+    result = thzcl.run("quick", settings=SMALL, device=device)
+    assert result._repr_png_().startswith(b"\x89PNG") and "<table>" in result._repr_html_()

@@ -19,8 +19,7 @@ __version__ = _versions.VERSION
 
 if _TYPE_CHECKING:
     from thzcl.device.choose import open_device
-    from thzcl.pipeline import run
-    from thzcl.results.result import Result
+    from thzcl.pipeline import Result, run
     from thzcl.scenario.source import Scene
     from thzcl.studies.detection.ranges import detection_range
     from thzcl.studies.many.study import study
@@ -37,7 +36,7 @@ __all__ = [
 ]
 
 _HOMES = {
-    "Result": "thzcl.results.result",
+    "Result": "thzcl.pipeline",
     "Scene": "thzcl.scenario.source",
     "detection_range": "thzcl.studies.detection.ranges",
     "open_device": "thzcl.device.choose",

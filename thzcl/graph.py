@@ -168,6 +168,14 @@ def rewrite(
 
 
 @dataclass
+class Held:
+    """Values of specs of some classes that outlive an evaluation, for another to read."""
+
+    classes: tuple[type[Spec], ...]
+    values: dict[Spec, Any] = field(default_factory=dict)
+
+
+@dataclass
 class _Work:
     """The evaluation of one batch.
 
@@ -179,16 +187,22 @@ class _Work:
     runs: Counter[str]
     memo: dict[Spec, Any]
     later: dict[Spec, None]  # specs of the next batch
+    held: Held
     readers: Counter[Spec] = field(default_factory=Counter)  # reads of each spec still to come
 
     def value(self, spec: Spec) -> Any:
-        """Returns the value of a spec, which is computed if it is not in the memo."""
+        """Returns the value of a spec, which is computed if it is neither held nor in the memo."""
+        if spec in self.held.values:
+            return self.held.values[spec]
         if spec not in self.memo:
             inputs = {name: self._read(getattr(spec, name)) for name in spec.reads}
             with self.clock.stage(spec.stage):
                 result = spec.run(self.device, **inputs)
                 self.device.finish()
             self.runs[type(spec).__name__] += 1
+            if isinstance(spec, self.held.classes):
+                self.held.values[spec] = result
+                return result
             self.memo[spec] = result
         return self.memo[spec]
 
@@ -201,7 +215,7 @@ class _Work:
         result = self.value(spec)
         self.readers[spec] -= 1
         if not self.readers[spec] and spec not in self.later:
-            del self.memo[spec]
+            self.memo.pop(spec, None)
         return result
 
 
@@ -210,19 +224,22 @@ def evaluate(
     device: Finishing,
     clock: Clock | None = None,
     runs: Counter[str] | None = None,
+    held: Held | None = None,
 ) -> Iterator[tuple[Any, ...]]:
     """Yields the values of each batch of specs; equal specs run once.
 
     A value is dropped once neither its own batch nor the next one will read it any more. Batches
     (realisations, frames, members of a study) may therefore come from a generator, of which one
     batch is read in advance. `clock` measures the time of each stage, and `runs` counts the specs
-    of each class that ran.
+    of each class that ran. Values that are `held` are not computed, and those of its classes are
+    added to it.
     """
     memo: dict[Spec, Any] = {}
     clock, runs = clock or Clock(), Counter() if runs is None else runs
+    held = held or Held(())
     for batch, following in pairwise(chain(batches, [()])):
-        work = _Work(device, clock, runs, memo, everything(following))
-        for spec in everything(batch, memo):
+        work = _Work(device, clock, runs, memo, everything(following), held)
+        for spec in everything(batch, memo.keys() | held.values.keys()):
             work.readers.update(spec.inputs())
         work.readers.update(batch)  # the caller reads the specs of the batch
         yield tuple(work.value(spec) for spec in batch)

@@ -3,33 +3,79 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import islice
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, get_args
 
 from thzcl import metrics
 from thzcl.air.expansion import Expansion
 from thzcl.clock import Clock, Progress
 from thzcl.error.budget import Part, worst
 from thzcl.errors import NumbersError, ScenarioError
-from thzcl.graph import evaluate
+from thzcl.graph import Held, evaluate
+from thzcl.paths.specs import EmissionSpec, TraceSpec, served
 from thzcl.plan import checks, report
 from thzcl.plan.plan import Plan, make_plan
 from thzcl.plan.variant import PlannedVariant
+from thzcl.results import result as results
 from thzcl.results import spread
 from thzcl.results.conditions import angles, conditions
 from thzcl.results.contents import Cube, ModelResult, VariantResult
-from thzcl.results.result import Result
 from thzcl.results.versions import versions
 from thzcl.scenario import document as documents
+from thzcl.scenario.source import Scene
 from thzcl.sensing.image import Compared, Recorded
-from thzcl.turbulence.fields import SavedCube
+from thzcl.turbulence.fields import AnyField, SavedCube
 from thzcl.turbulence.orientation import ROTATIONS
 
 if TYPE_CHECKING:
     from thzcl.device.opencl import Device
 
+COSTLY = (TraceSpec, EmissionSpec, *get_args(AnyField))  # what a result keeps for with_settings
 USUAL_TOLERANCE = 1e-3  # error relative to the contrast that no scene needs to bear unsaid
+
+
+@dataclass(frozen=True)
+class Kept:
+    """What a run leaves for others with other settings: its device, and what it traced there."""
+
+    device: Device
+    held: Held | None
+    allow_outside: bool
+
+
+@dataclass(frozen=True)
+class Result(results.Result):
+    """The result of a run, from which others with other settings can be made."""
+
+    kept: Kept | None = field(default=None, repr=False, compare=False)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Returns the fields without what lies on a device: a copy traces anew."""
+        return {**self.__dict__, "kept": None}
+
+    def with_settings(
+        self,
+        settings: Mapping[str, Any],
+        *,
+        variants: Sequence[str] = (),
+        figure: bool = True,
+        progress: Progress | None = None,
+    ) -> Result:
+        """Returns the images of the same scene and air with other settings, as thzcl.run has them.
+
+        Another frequency, absorption model, sensor, noise or surface temperature needs no new
+        trace, nor does anything else that leaves rays and cube as they are; what does is traced
+        anew. So is a result that was loaded, copied, made with keep = False or averaged over
+        realizations. None takes a key away. Raises what thzcl.run raises.
+
+        >>> import thzcl
+        >>> result = thzcl.run("quick", settings={"camera.pixels": [4, 3]})
+        >>> result.with_settings({"sensor.frequency_ghz": 340}).variants[0].sight.frequency_hz
+        array([3.4e+11])
+        """
+        return _again(self, settings, variants, figure=figure, progress=progress)
 
 
 def prepare(
@@ -62,6 +108,7 @@ def run(
     figure: bool = True,
     allow_outside: bool = False,
     progress: Progress | None = None,
+    keep: bool = True,
 ) -> Result:
     """Returns the images of a scenario: a TOML file, a result, or the name of a shipped scene.
 
@@ -78,9 +125,10 @@ def run(
     `settings` changes keys ({"targets.box.temperature_k": 300.0}), `variants` picks some by name.
     `device` is a number, a part of a name, or a device that thzcl.open_device has opened. `figure`
     says whether a picture will be wanted, and `allow_outside` whether pictures and tables may lie
-    outside the scenario's folder. No file is written: see Result.save and Result.figure. Raises
-    ScenarioError for bad input, DeviceError without a usable device, PluginFailure and NumbersError
-    if a sensor fails.
+    outside the scenario's folder. Unless `keep` is False, what was traced stays on the device as
+    long as the result lives, for Result.with_settings. No file is written: see Result.save and
+    Result.figure. Raises ScenarioError for bad input, DeviceError without a usable device,
+    PluginFailure and NumbersError if a sensor fails.
     """
     clock = Clock(progress)
     with clock.stage("plan"):
@@ -93,17 +141,49 @@ def run(
         from thzcl.device.opencl import Device
 
         opened = device if isinstance(device, Device) else open_device(device)
-    return compute_images(plan, opened, clock, figure=figure)
+    held = Held(COSTLY) if keep and plan.realizations == 1 else None
+    result = compute_images(plan, opened, clock, figure=figure, held=held)
+    return replace(result, kept=Kept(opened, held, allow_outside))
 
 
-def compute_images(plan: Plan, device: Device, clock: Clock, *, figure: bool = False) -> Result:
+def _again(
+    first: Result,
+    settings: Mapping[str, Any],
+    variants: Sequence[str],
+    *,
+    figure: bool = True,
+    progress: Progress | None = None,
+) -> Result:
+    """Returns the images of a result's scene with other settings, as Result.with_settings does."""
+    kept = first.kept
+    names = tuple(variant.name for variant in first.variants)
+    scene = Scene(first.scenario_toml, Path(first.scenario_folder), first.scenario, names)
+    asked: dict[str, Any] = {"settings": settings, "variants": variants, "figure": figure}
+    if kept is None or kept.held is None:
+        device, outside = (kept.device, kept.allow_outside) if kept else (None, False)
+        return run(scene, **asked, device=device, allow_outside=outside, progress=progress)
+    clock = Clock(progress)
+    with clock.stage("plan"):
+        plan = prepare(scene, settings, variants, allow_outside=kept.allow_outside)
+    held = Held(COSTLY, dict(kept.held.values)) if plan.realizations == 1 else None
+    found = compute_images(plan, kept.device, clock, figure=figure, held=held)
+    return replace(found, kept=replace(kept, held=held))
+
+
+def compute_images(
+    plan: Plan, device: Device, clock: Clock, *, figure: bool = False, held: Held | None = None
+) -> Result:
     """Returns the images of a plan, computed on an open device; `clock` measures the stages.
 
-    `figure` says whether a picture will be wanted. Raises ScenarioError if the device's memory is
-    too small, and NumbersError if a sensor fails.
+    `figure` says whether a picture will be wanted. What is `held` serves where it can, and what is
+    traced is added to it. Raises ScenarioError if the device's memory is too small, and
+    NumbersError if a sensor fails.
     """
     checks.memory(plan, device)
-    batches = evaluate((plan.batch(n) for n in range(plan.realizations)), device, clock)
+    wanted = (plan.batch(n) for n in range(plan.realizations))
+    if held is not None:
+        wanted = (served(batch, held, device) for batch in wanted)
+    batches = evaluate(wanted, device, clock, held=held)
     return images_of(plan, batches, device, clock, figure=figure)
 
 

@@ -69,7 +69,7 @@ def run(
             if not no_figure:
                 files.append(result.figure(file.with_suffix(".png")))
         else:
-            result = pipeline.run(scenario, **asked, progress=tell)
+            result = pipeline.run(scenario, **asked, progress=tell, keep=False)
             files = _write(result, file, not no_figure, tell)
     if report:
         files.append(write_report(file))

@@ -14,7 +14,18 @@ from numpy.polynomial import Polynomial
 from thzcl.air.expansion import Expansion, ExpansionSpec, TrimmedSpec
 from thzcl.air.weather import Weather
 from thzcl.device.opencl import Device
-from thzcl.graph import LeftOut, Memory, Spec, Values, Work, everything, frozen, rewrite
+from thzcl.graph import (
+    Held,
+    LeftOut,
+    Memory,
+    Spec,
+    Values,
+    Work,
+    evaluate,
+    everything,
+    frozen,
+    rewrite,
+)
 from thzcl.paths import trace
 from thzcl.paths.emission import Carried, emitting, trace_emission
 from thzcl.paths.large_scales import RayMeans
@@ -111,6 +122,7 @@ class TraceSpec(Spec):
         else:
             thinned = self.stride, self.targets.array
             paths = trace_thinned(device, ends, medium, moments, guard, *thinned)
+        paths = replace(paths, guarded=guard is not None)
         return paths if large is None else large.added(device, paths)
 
     def kin(self) -> TraceSpec:
@@ -274,3 +286,25 @@ def joined(wanted: Iterable[Spec]) -> tuple[Any, ...]:
             kin.setdefault(path.kin(), []).append(path)
     joint = {path: reduce(TraceSpec.join, paths) for paths in kin.values() for path in paths}
     return rewrite(wanted, lambda spec: joint.get(spec, spec))
+
+
+def served(wanted: Iterable[Spec], held: Held, device: Device) -> tuple[Any, ...]:
+    """Returns the wanted specs of the graph in which held paths stand for those that they serve.
+
+    A path serves another if it was traced for the same rays and cube, at least as closely, all the
+    way to what its rays meet, and with as many moments as the other's expansions need.
+    """
+    wanted = tuple(wanted)
+    known = {path.kin(): path for path in held.values if isinstance(path, TraceSpec)}
+    instead: dict[Spec, TraceSpec] = {}
+    for path in everything(wanted):
+        if not isinstance(path, TraceSpec) or path.kin() not in known:
+            continue
+        other = known[path.kin()]
+        traced: Paths = held.values[other]
+        if traced.guarded or other.stride > path.stride:
+            continue
+        (fits,) = evaluate([(*path.serves, *path.also)], device, held=held)
+        if max(fit.moments for fit in fits) <= traced.moments.shape[0]:
+            instead[path] = other
+    return rewrite(wanted, lambda spec: instead.get(spec, spec))

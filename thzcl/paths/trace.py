@@ -106,7 +106,8 @@ class Paths:
     `path_length` and `surface` are those of the rays' ends; a ray that the cut-off ended is
     shorter, and its surface is 0. `facing` is that of RayEnds. `moments` has no rows in even air.
     `interpolated` (ray,) says which rays were not traced. If the values are sums over the way out
-    and the way back, `ways` holds the length of each.
+    and the way back, `ways` holds the length of each. `guarded` says whether rays may have ended
+    at a cut-off depth.
     """
 
     path_length: Buffer
@@ -115,6 +116,7 @@ class Paths:
     moments: Buffer
     interpolated: NDArray[np.bool_]
     ways: tuple[Buffer, ...] = ()
+    guarded: bool = False
 
 
 def medium(device: Device, field: Field, ends: RayEnds, motion: Motion) -> Medium:

@@ -6,7 +6,7 @@ import math
 import warnings
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, BinaryIO, NamedTuple
 
 import numpy as np
 
@@ -49,7 +49,7 @@ def picture_format(path: Path) -> str:
     return form
 
 
-def draw(result: Contents, path: Path, form: str) -> None:
+def draw(result: Contents, path: Path | BinaryIO, form: str) -> None:
     """Writes a picture with one panel for each variant, and one for a difference if asked for."""
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", "Glyph")  # a name in letters that the font lacks

@@ -19,6 +19,7 @@ from thzcl.results.summary import of_variant
 from thzcl.sensor import Echoes, Image, Radiances
 
 MOST_LETTERS = 60_000  # of an attribute: HDF5 holds 64 KiB
+REFERENCE = "reference"  # the attribute with what else a result needs that is read again
 PLANE = ("y", "x")
 SPECTRAL = ("frequency", *PLANE)
 VOXELS = ("z_voxel", "y_voxel", "x_voxel")
@@ -72,8 +73,24 @@ def attributes(result: Contents) -> dict[str, Any]:
         "air": json.dumps(result.airs),
         "sky": json.dumps(result.skies),
         **_summary(result),
+        REFERENCE: json.dumps(_reference(result)),
         "voxel_segments": np.int64(result.voxel_segments),
         "grid_rotation": json.dumps(_rotation(result.grid_rotations)),
+    }
+
+
+def _reference(result: Contents) -> dict[str, Any]:
+    """Returns what else Result.load needs, most of it words."""
+    passive = [one.sight for one in result.variants if isinstance(one.sight, Radiances)]
+    return {
+        "air": [
+            {"temperature_k": one.air_temperature_k, "radiance": one.air_radiance.tolist()}
+            for one in passive
+        ],
+        "targets": result.targets,
+        "resolution_cells": [one.cell for one in result.variants],
+        "conditions": result.conditions,
+        "captions": [one.image.caption if one.image else "" for one in result.variants],
     }
 
 

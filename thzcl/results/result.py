@@ -11,10 +11,27 @@ from thzcl.results.contents import Contents
 
 if TYPE_CHECKING:
     import xarray
+    from matplotlib.figure import Figure
 
 
 class Result(Contents):
     """The data of a run, with methods that write, draw, convert and sum them up."""
+
+    @classmethod
+    def load(cls, path: str | Path) -> Result:
+        """Returns the result that a file holds, as exact as it holds it: in float32 mostly.
+
+        What files do not hold is NaN: what comes back to an active sensor before it is turned into
+        an image, and solid angles. Raises FileError.
+
+        >>> import thzcl
+        >>> path = thzcl.run("quick", settings={"camera.pixels": [4, 3]}).save("quick.nc")
+        >>> thzcl.Result.load(path).variants[0].image.values.shape
+        (3, 4)
+        """
+        from thzcl.results import load
+
+        return cls(**load.fields(Path(path)))
 
     def save(self, path: str | Path) -> Path:
         """Writes the NetCDF-4 file, whole or not at all, and returns its path.
@@ -37,6 +54,22 @@ class Result(Contents):
         form = picture_format(path)
         write_whole(path, lambda part: draw(self, part, form))
         return path
+
+    def plot(self) -> Figure:
+        """Returns a picture of the variants side by side as a matplotlib figure."""
+        from thzcl.results.figure import picture
+
+        return picture(self)  # type: ignore[no-any-return]
+
+    def _repr_png_(self) -> bytes:
+        """Returns the picture for notebooks."""
+        from io import BytesIO
+
+        from thzcl.results.figure import draw
+
+        file = BytesIO()
+        draw(self, file, "png")
+        return file.getvalue()
 
     def to_xarray(self) -> xarray.Dataset:
         """Returns the contents of the result file as an xarray dataset.

@@ -149,7 +149,11 @@ def read(
     if isinstance(source, Mapping):
         source = scenes.Scene.from_dict(source)
     if isinstance(source, scenes.Scene):
-        label, name, given = source.name, source.name, scenes.Text(source.text, source.folder)
+        label, name, given = (
+            source.name,
+            source.name,
+            scenes.Text(source.text, source.folder, source.made),
+        )
     else:
         path = scenes.find(source)
         label, name, given = str(path), path.stem, scenes.text_of(path)

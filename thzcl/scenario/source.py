@@ -72,7 +72,8 @@ def _texts(value: Any) -> Iterator[str]:
 class Scene:
     """A scene that stands in no file: its TOML text, and the folder that its paths start from.
 
-    thzcl.run takes it as it takes a file. Nothing is checked before that.
+    thzcl.run takes it as it takes a file. Nothing is checked before that. `made` names the variants
+    that a result of it has, if they are not all.
 
     >>> import thzcl
     >>> scene = thzcl.Scene.from_toml('''
@@ -89,6 +90,7 @@ class Scene:
     text: str
     folder: Path = Path()
     name: str = "scene"
+    made: tuple[str, ...] = ()
 
     @classmethod
     def from_toml(cls, text: str, *, folder: str | Path = ".", name: str = "scene") -> Scene:
