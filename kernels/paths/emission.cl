@@ -40,7 +40,7 @@ static inline void take_in(reals *depth, reals *rest, reals *latest)
 // (FREQUENCIES, PLANCK_POWERS) is B(T) - B(T_mean) in powers of T - T_mean; `emitted` (surface,
 // FREQUENCIES) and what follows it, as in source.cl, are relative to B(T_mean). Writes optical
 // depth and radiance above the mean air's, both (FREQUENCIES, ray).
-__kernel void emission(__global const real *restrict delta, __global const real *restrict offset,
+__kernel void emission(int items, __global const real *restrict delta, __global const real *restrict offset,
                        __constant frame *cube, int width, int height, int log2x, int log2y,
                        int log2z, __global const wide *reach, __global const wide *end,
                        __global const wide *restrict time, __global const wide *restrict enter,
@@ -56,7 +56,7 @@ __kernel void emission(__global const real *restrict delta, __global const real 
                        __global real *restrict depth_out, __global real *restrict contrast_out)
 {
     const int packet = get_global_id(0), first_ray = packet * LANES,
-              padded = get_global_size(0) * LANES;
+              padded = items * LANES;
     march ray = march_start(cube, width, height, log2x, log2y, log2z, reach, end, time, enter,
                             leave, stretch, picked, count, first_ray);
     const int counts[] = {COUNTS};

@@ -21,11 +21,11 @@ INLINE reals sine_of_turns(reals x)
 // `waves` (count, 6) are the vector in cycles per metre (3), the phase in cycles where rays start,
 // the size, and the cycles per second by which moving air goes back. `way` (3, ray) leads from start
 // to end of each ray, in m.
-__kernel void means(__global const real *restrict waves, int count,
+__kernel void means(int items, __global const real *restrict waves, int count,
                     __global const real *restrict way, __global const real *restrict time,
                     __global real *restrict mean)
 {
-    const int first = get_global_id(0) * LANES, rays = get_global_size(0) * LANES;
+    const int first = get_global_id(0) * LANES, rays = items * LANES;
     const reals x = LOAD(way + first), y = LOAD(way + rays + first), z = LOAD(way + 2 * rays + first);
 #ifdef MOTION
     const reals t = LOAD(time + first);

@@ -34,13 +34,13 @@ static inline int all_alike(__global const int *surface, int first_ray)
 // Optical depth and contrast at each frequency, both (frequency, ray) in rows of `row`.
 // `coefficients` (frequency, MOMENTS + 1) are per metre; `emitted` (surface, frequency) and what
 // follows it, as in source.cl, are relative to B_air.
-__kernel void shade(__global const real *restrict path_length,
+__kernel void shade(int items, __global const real *restrict path_length,
                     __global const real *restrict moments, __global const int *restrict surface,
                     __global const real *restrict coefficients,
                     SOURCE_PARAMETERS, int frequencies, int row,
                     __global real *restrict depth, __global real *restrict contrast)
 {
-    const int first_ray = get_global_id(0) * LANES, padded = get_global_size(0) * LANES;
+    const int first_ray = get_global_id(0) * LANES, padded = items * LANES;
     const reals length = LOAD(path_length + first_ray);
     reals m[MOMENTS + 1];
     UNROLLED
@@ -66,7 +66,7 @@ __kernel void shade(__global const real *restrict path_length,
 // frequency, whose coefficients are `thinnest` (band, MOMENTS + 1); `beyond` (band, frequency,
 // MOMENTS + 1) is what the others have more. So both what is left and what is lost keep their
 // digits, in air of any depth.
-__kernel void shade_bands(__global const real *restrict path_length,
+__kernel void shade_bands(int items, __global const real *restrict path_length,
                           __global const real *restrict moments,
                           __global const int *restrict surface,
                           __global const real *restrict thinnest,
@@ -75,7 +75,7 @@ __kernel void shade_bands(__global const real *restrict path_length,
                           int frequencies, int rows,
                           __global real *restrict depth, __global real *restrict contrast)
 {
-    const int first_ray = get_global_id(0) * LANES, padded = get_global_size(0) * LANES;
+    const int first_ray = get_global_id(0) * LANES, padded = items * LANES;
     const int alike = all_alike(surface, first_ray);
     const reals length = LOAD(path_length + first_ray);
     reals m[MOMENTS + 1];

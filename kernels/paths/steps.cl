@@ -5,7 +5,7 @@
 //
 // Option: MOMENTS.
 
-__kernel void steps(__global const real *restrict delta, __constant frame *cube, int width,
+__kernel void steps(int items, __global const real *restrict delta, __constant frame *cube, int width,
                     int height, int log2x, int log2y, int log2z,
                     __global const wide *reach, __global const wide *end,
                     __global const wide *restrict time, __global const wide *restrict enter,
@@ -13,7 +13,7 @@ __kernel void steps(__global const real *restrict delta, __constant frame *cube,
                     __global const int *restrict picked, int count, real step,
                     __global real *restrict moments)
 {
-    const int first = get_global_id(0) * LANES, padded = get_global_size(0) * LANES;
+    const int first = get_global_id(0) * LANES, padded = items * LANES;
     real x0[LANES], y0[LANES], z0[LANES], dx[LANES], dy[LANES], dz[LANES],
          size[LANES], metres[LANES];
     whole number[LANES];

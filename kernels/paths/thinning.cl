@@ -100,14 +100,14 @@ __kernel void sift(int width, int height, int stride, __global const int *restri
 // length; `kept` (lattice) is the part of its length that the cut-off left a ray on the lattice;
 // `traced` (MOMENTS, slot) are the moments of the traced rays, and `slot` is a ray's place among
 // them. Where a corner was cut off, what lies between ends as early, and meets nothing.
-__kernel void spread(int width, int height, int stride, __global const char *restrict kind,
+__kernel void spread(int items, int width, int height, int stride, __global const char *restrict kind,
                      __global const int *restrict slot, __global const real *restrict means,
                      int lattice_width, int lattice, __global const real *restrict kept,
                      __global const real *restrict traced, int padded,
                      __global real *restrict path_length, __global int *restrict surface,
                      __global real *restrict moments)
 {
-    const int first = get_global_id(0) * LANES, all = get_global_size(0) * LANES,
+    const int first = get_global_id(0) * LANES, all = items * LANES,
               last = width * height - 1;
     whole nw[LANES], ne[LANES], sw[LANES], se[LANES];
     real across[LANES], down[LANES];

@@ -12,7 +12,7 @@
 // Whether any ray goes on is asked after this many voxels: where none does, voxels have no length.
 #define TOGETHER 4
 
-__kernel void trace(__global const real *restrict delta, __constant frame *cube, int width,
+__kernel void trace(int items, __global const real *restrict delta, __constant frame *cube, int width,
                     int height, int log2x, int log2y, int log2z,
                     __global const wide *reach, __global const wide *end,
                     __global const wide *restrict time, __global const wide *restrict enter,
@@ -23,7 +23,7 @@ __kernel void trace(__global const real *restrict delta, __constant frame *cube,
                     __constant real *guard, real cutoff)
 {
     const int packet = get_global_id(0), first = packet * LANES,
-              padded = get_global_size(0) * LANES;
+              padded = items * LANES;
     march ray = march_start(cube, width, height, log2x, log2y, log2z, reach, end, time, enter, leave,
                             stretch, picked, count, first);
     reals m[MOMENTS];

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import time
 import warnings
 from collections.abc import Mapping
 from contextlib import suppress
@@ -25,6 +26,9 @@ from thzcl.errors import DeviceError
 GROUP, GPU_GROUP = 16, 64
 VECTOR_BITS = 256  # of a packet on a processor
 _ALIGNMENT = 128  # bytes
+# A kernel of more steps of rays or voxels than a slow processor takes in some tenths of a second is
+# cut into pieces.
+AT_ONCE, PIECE_S, MOST_GROWTH = 1e8, 0.5, 4.0
 
 
 @dataclass
@@ -118,24 +122,62 @@ class Program:
         """The program as its device can load it again; PoCL links its kernels for that."""
         return bytes(self._program.get_info(cl.program_info.BINARIES)[0])
 
-    def run(self, kernel: str, size: int | tuple[int, int, int], /, **arguments: Any) -> None:
+    def run(
+        self, kernel: str, size: int | tuple[int, int, int], steps: float = 1.0, /, **arguments: Any
+    ) -> None:
         """Enqueues a kernel over `size` work-items, with arguments by the names in its source.
 
         Of three sizes the first may be padded: the kernel must do nothing past it.
         A pointer takes a buffer, or None for a null pointer; any other parameter takes a number,
-        which is converted to its type. Raises TypeError if a name is missing or unknown, or a
-        buffer holds numbers of another type.
+        which is converted to its type. A parameter `items` takes the first size. Raises TypeError
+        if a name is missing or unknown, or a buffer holds numbers of another type.
+
+        `steps` says about how many steps a ray or voxel takes. A kernel of many is cut along its
+        last size into pieces of about half a second, each waited for: an interrupt must not wait
+        for all of it.
         """
         parameters = self._parameters[kernel]
+        sizes = (size,) if isinstance(size, int) else size
+        if any(parameter.name == "items" for parameter in parameters):
+            arguments["items"] = sizes[0]
         signature.check(kernel, parameters, arguments)
         if kernel not in self._kernels:
             self._kernels[kernel] = cl.Kernel(self._program, kernel)
         built = self._kernels[kernel]
         built.set_args(*(self._raw(kernel, one, arguments[one.name]) for one in parameters))
-        self._device.in_use += [one for one in arguments.values() if isinstance(one, Buffer)]
         self._device.counters.launches += 1
-        extent, group = self._device.grouped((size,) if isinstance(size, int) else size)
-        cl.enqueue_nd_range_kernel(self._device.queue, built, extent, group)
+        extent, group = self._device.grouped(sizes)
+        used = [one for one in arguments.values() if isinstance(one, Buffer)]
+        work = math.prod(sizes) * self.lanes * steps
+        if work > AT_ONCE:
+            self._in_pieces(built, extent, group, AT_ONCE / work, used)
+        else:
+            self._device.in_use += used
+            cl.enqueue_nd_range_kernel(self._device.queue, built, extent, group)
+
+    def _in_pieces(
+        self,
+        built: Any,
+        extent: tuple[int, ...],
+        group: tuple[int, ...],
+        part: float,
+        used: list[Buffer],
+    ) -> None:
+        """Runs a kernel in pieces along its last dimension, of which the first is a `part`."""
+        done, queue = 0, self._device.queue
+        piece = part * extent[-1]
+        while done < extent[-1]:
+            count, width = self._device.cut(piece, extent[-1] - done, group[-1])
+            begun = time.perf_counter()
+            offset = (*(0 for _ in extent[1:]), done)
+            self._device.in_use += used
+            cl.enqueue_nd_range_kernel(
+                queue, built, (*extent[:-1], count), (*group[:-1], width), offset
+            )
+            self._device.finish()
+            done += count
+            took_s = max(time.perf_counter() - begun, 1e-9)
+            piece = count * min(PIECE_S / took_s, MOST_GROWTH)
 
     def _raw(self, kernel: str, parameter: signature.Parameter, value: Any) -> Any:
         """Returns an argument as OpenCL takes it."""
@@ -169,6 +211,7 @@ class Device:
         self.pocl = info.platform == pocl.PLATFORM
         self.float64 = bool(device.double_fp_config)
         self.group = GPU_GROUP if info.kind == "GPU" else GROUP
+        self.units = int(device.max_compute_units)
         self.largest_buffer = int(device.max_mem_alloc_size)
         # Kernels that are not known to have ended use these: their memory must outlast them.
         self.in_use: list[Buffer] = []
@@ -219,6 +262,18 @@ class Device:
             groups = -(-size[0] // self.group)
             return (groups * self.group, *size[1:]), (self.group, 1, 1)
         return size, (1, math.gcd(size[1], self.group), 1)
+
+    def cut(self, piece: float, left: int, group: int) -> tuple[int, int]:
+        """Returns how many work-items a piece has along its last dimension, and a group of them.
+
+        The piece should have about `piece` of the `left`, in whole groups; where that is less than
+        the device takes at once, each work-item is a group of its own, and there is one for each of
+        its units.
+        """
+        whole = int(min(piece, left)) // group * group
+        if whole < group * self.units:
+            return min(max(int(piece), self.units), left), 1
+        return whole, group
 
     def empty(self, shape: tuple[int, ...], dtype: DTypeLike) -> Buffer:
         """Returns memory that holds nothing in particular."""

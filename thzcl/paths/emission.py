@@ -126,13 +126,15 @@ def trace_emission(
     tables: Emitting,
     cutoff: float | None,
     precision: str,
+    crossed: float = 0.0,
 ) -> Carried:
     """Returns the optical depth and the contrast of rays, the emission along them included.
 
-    A ray ends at the optical depth `cutoff`, or goes to its end if that is None.
+    A ray ends at the optical depth `cutoff`, or goes to its end if that is None. `crossed` is about
+    how many voxels all rays together cross.
     """
     passes = [
-        _emission_pass(device, ends, medium, tables.some(first), cutoff, precision)
+        _emission_pass(device, ends, medium, tables.some(first), cutoff, precision, crossed)
         for first in range(0, len(tables.coefficients), AT_ONCE)
     ]
     depths, contrasts, lengths, surfaces = zip(*passes, strict=True)
@@ -152,6 +154,7 @@ def _emission_pass(
     tables: Emitting,
     cutoff: float | None,
     precision: str,
+    crossed: float,
 ) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any], NDArray[np.int32]]:
     """Returns what Carried holds, at the frequencies of some tables."""
     program = device.build(_kernels(ends, medium, tables, cutoff), precision)
@@ -162,6 +165,7 @@ def _emission_pass(
     program.run(
         "emission",
         len(segments),
+        crossed * len(tables.coefficients) / ends.rays,
         delta=medium.field.delta,
         offset=medium.field.delta if medium.field.offset is None else medium.field.offset,
         **_layered(device, ends, medium.field, precision),

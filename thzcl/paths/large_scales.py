@@ -74,6 +74,7 @@ class RayMeans:
         program.run(
             "means",
             len(length) // program.lanes,
+            len(self.waves),
             waves=device.put(self.waves, self.precision),
             count=len(self.waves),
             way=device.put((length[:, None] * self.direction).T, self.precision),

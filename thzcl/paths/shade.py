@@ -51,6 +51,7 @@ def shade(device: Device, paths: Paths, coefficients: Array, sent: Table, precis
     program.run(
         "shade",
         rays // program.lanes,
+        count,
         **_shaded_paths(paths),
         coefficients=device.put(coefficients, precision),
         **source.arguments(device, paths.facing, sent, precision),
@@ -85,6 +86,7 @@ def shade_bands(
     program.run(
         "shade_bands",
         rays // program.lanes,
+        len(coefficients),
         **_shaded_paths(paths),
         thinnest=device.put(thinnest, precision),
         beyond=device.put(beyond, precision),

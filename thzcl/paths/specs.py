@@ -118,9 +118,11 @@ class TraceSpec(Spec):
         guard = _guard(fits, moments, ends, self.cutoff, driest) if varies else None
         medium = trace.medium(device, field, ends, self.motion)
         if self.stride == 1:
-            paths = trace.trace(device, ends, medium, moments, guard, precision)
+            paths = trace.trace(
+                device, ends, medium, moments, guard, precision, crossed=self.planned_segments
+            )
         else:
-            thinned = self.stride, self.targets.array
+            thinned = self.stride, self.targets.array, self.planned_segments
             paths = trace_thinned(device, ends, medium, moments, guard, *thinned)
         paths = replace(paths, guarded=guard is not None)
         return paths if large is None else large.added(device, paths)
@@ -254,7 +256,8 @@ class EmissionSpec(Spec):
         reached = thinnest * trace.longest_m(ends) >= self.cutoff
         medium = trace.medium(device, field, ends, self.motion)
         cutoff = self.cutoff if reached else None
-        return trace_emission(device, ends, medium, tables, cutoff, precision)
+        crossed = self.planned_segments
+        return trace_emission(device, ends, medium, tables, cutoff, precision, crossed)
 
     def describe(self) -> dict[str, Work | LeftOut]:
         """Returns that radiance is summed up along the path, in place of a trace of moments."""

@@ -40,11 +40,13 @@ def trace_thinned(
     guard: Guard | None,
     stride: int,
     targets: NDArray[Any],
+    crossed: float = 0.0,
 ) -> Paths:
     """Returns the path moments of every ray, most of them interpolated.
 
     Every `stride`-th ray of a row and of a column is traced, and all rays near edges. `targets`
-    (surface,) holds the flag of the target that each surface belongs to.
+    (surface,) holds the flag of the target that each surface belongs to, and `crossed` is about how
+    many voxels the traced rays together cross.
     """
     raster, precision = ends.geometry.raster, str(ends.stretch.dtype)
     kind = _sift(device, ends, stride, targets)
@@ -52,7 +54,7 @@ def trace_thinned(
     alone = np.flatnonzero(kind.host()[: raster.rays] == ALONE)
     picked = np.concatenate([lattice, alone])
     followed = follow(device, ends.geometry, picked)
-    paths = trace.trace(device, ends, medium, moments, guard, precision, followed)
+    paths = trace.trace(device, ends, medium, moments, guard, precision, followed, crossed)
     return _spread(device, ends, paths, kind, picked, len(lattice), stride)
 
 

@@ -158,9 +158,11 @@ def trace(
     guard: Guard | None,
     precision: str,
     followed: Followed | None = None,
+    crossed: float = 0.0,
 ) -> Paths:
     """Returns the paths of rays with their moments.
 
+    `crossed` is about how many voxels all rays together cross.
     A ray that reaches the depth of the `guard` ends there, and meets no surface. If only some rays
     are `followed`, the moments are those of these rays, in their order.
     """
@@ -175,6 +177,7 @@ def trace(
     program.run(
         "trace",
         len(segments),
+        crossed / slots,
         delta=medium.field.delta,
         **placed(device, ends, medium, some),
         path_length=path_length,
@@ -270,6 +273,7 @@ def trace_steps(
     program.run(
         "steps",
         ends.rays // program.lanes,
+        longest_m(ends) / step_m,
         delta=medium.field.delta,
         **placed(device, ends, medium, ends.followed),
         step=step_m,

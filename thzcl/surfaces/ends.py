@@ -275,6 +275,7 @@ def find_ends(
     program.run(
         "surfaces",
         padded,
+        _tests_a_ray(shape.things),
         camera=device.put(geometry.world_frame(shape.frame.array), device.wide),
         **raster_size(shape),
         max_range=shape.things.max_range_m,
@@ -324,6 +325,7 @@ def outgoing_ends(
     program.run(
         "outgoing",
         ends.rays,
+        _tests_a_ray(shape.things),
         transmitter=device.put(frame, device.wide),
         **raster_size(shape),
         **_things(device, shape.things),
@@ -336,6 +338,14 @@ def outgoing_ends(
     )
     unchanged = ends.facing, transmitter_m
     return RayEnds(shape, ends.followed, ends.reach, end, length, length, surface, *unchanged)
+
+
+def _tests_a_ray(things: Things) -> float:
+    """Returns about how many surfaces and boxes of trees a ray is tested against."""
+    boxes, boards, triangles = (
+        one.shape[0] for one in (things.boxes, things.billboards, things.meshes.corners)
+    )
+    return 1.0 + boxes + boards + 10.0 * math.log2(1 + triangles)
 
 
 def _kinds(things: Things) -> dict[str, bool]:

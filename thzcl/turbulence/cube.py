@@ -151,7 +151,7 @@ def statistics(device: Device, program: Program, cube: Buffer) -> Statistics:
     """
     voxels, run = math.prod(cube.shape), 16 * cube.shape[0]
     sums = device.empty((voxels // run, 4), np.float32)
-    program.run("statistics", voxels // run, field=cube, run=run, out=sums)
+    program.run("statistics", voxels // run, run, field=cube, run=run, out=sums)
     total, square, low, high = sums.host().astype(np.float64).T
     mean = total.sum() / voxels
     return Statistics(
