@@ -338,6 +338,30 @@ WRONG = {
         ("absorption", "--frequency-ghz", "600", "--vapour-pressure-hpa", "2000"),
         "vapour pressure",
     ),
+    "degrees Celsius": (
+        ("absorption", "--frequency-ghz", "600", "--temperature-k", "20"),
+        "--temperature-k: must be at least 100 K, not 20.0; 20 degrees Celsius are 293.15 K",
+    ),
+    "one temperature of many": (
+        ("absorption", "--frequency-ghz", "600", "--temperature-k", "280,500"),
+        "--temperature-k: must be at most 400 K, not 500.0",
+    ),
+    "two limits": (
+        ("absorption", "--frequency-ghz", "6", "--temperature-k", "1e9", "--pressure-hpa", "inf"),
+        "--pressure-hpa: must be a finite number, not inf",
+    ),
+    "frequencies without end": (
+        ("absorption", "--frequency-ghz", "1:1e300:1"),
+        '--frequency-ghz: "1:1e300:1" holds more than 1,000,000 numbers',
+    ),
+    "more rows than are computed": (
+        ("absorption", "--frequency-ghz", "1:1000:.01", "--temperature-k", "200:300:1"),
+        "more than 1,000,000 rows",
+    ),
+    "a vapour pressure that is none": (
+        ("absorption", "--frequency-ghz", "600", "--vapour-pressure-hpa", "nan"),
+        "must lie between 0 and the total of 1013.25 hPa, not nan",
+    ),
     "unknown model": (
         ("absorption", "--frequency-ghz", "600", "--model", "itu"),
         'no constituent "itu" is installed',

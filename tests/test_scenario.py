@@ -106,6 +106,10 @@ SINGLE = {
         {"atmosphere__temperature_k": float("nan")},
         "[atmosphere] temperature_k: must be a finite number",
     ),
+    "degrees Celsius": (
+        {"atmosphere__temperature_k": -5},
+        "must be at least 100 K, not -5; -5 degrees Celsius are 268.15 K",
+    ),
     "pressure": (
         {"atmosphere__pressure_hpa": 10.0},
         "makes a vapour pressure of 13.4 hPa, more than the total of 10 hPa",

@@ -38,22 +38,24 @@ def values(text: str) -> Array:
     Raises ValueError for any other text, and for numbers that are not finite.
     """
     try:
-        if ":" not in text:
-            numbers = np.array([float(part) for part in text.split(",")])
-        else:
-            start, stop, step = (float(part) for part in text.split(":"))
+        parts = [float(part) for part in text.split(":" if ":" in text else ",")]
+        if ":" in text:
+            start, stop, step = parts
             count = (stop - start) / step
-            if not 0 <= count < MOST_VALUES:
+            if count < 0:
                 raise ValueError
-            # The stop is met even if the step does not divide the range exactly in binary.
-            numbers = start + step * np.arange(int(count * (1 + 1e-12) + 1e-9) + 1)
     except (ValueError, ZeroDivisionError):
         raise ValueError(
             f'"{text}" is not a number, a list a,b,c or a range start:stop:step with start <= stop'
         ) from None
-    if not np.isfinite(numbers).all():
+    if not np.isfinite(parts).all():
         raise ValueError(f'"{text}" holds a number that is not finite')
-    return numbers
+    if ":" not in text:
+        return np.array(parts)
+    if not count < MOST_VALUES:
+        raise ValueError(f'"{text}" holds more than {MOST_VALUES:,} numbers; make the step larger')
+    # The stop is met even if the step does not divide the range exactly in binary.
+    return start + step * np.arange(int(count * (1 + 1e-12) + 1e-9) + 1, dtype=np.float64)
 
 
 @dataclass(frozen=True)
@@ -112,6 +114,8 @@ def states(
     `given` is the name of the quantity that `amount` measures: "relative_humidity_percent",
     "absolute_humidity_g_m3" or "vapour_pressure_hpa". Raises ValueError for air that cannot be.
     """
+    if len(temperature_k) * len(frequency_ghz) > MOST_VALUES:
+        raise ValueError(f"more than {MOST_VALUES:,} rows; give fewer frequencies or temperatures")
     kelvin, ghz = (
         grid.ravel() for grid in np.meshgrid(temperature_k, frequency_ghz, indexing="ij")
     )
@@ -124,7 +128,8 @@ def states(
     else:
         vapour = np.full(kelvin.shape, amount)
     if not ((vapour >= 0) & (vapour <= pressure_hpa)).all():
-        raise ValueError("vapour pressure must lie between 0 and the total pressure")
+        total = f"the total of {pressure_hpa:g} hPa"
+        raise ValueError(f"vapour pressure must lie between 0 and {total}, not {vapour.max():.6g}")
     return States(ghz, kelvin, pressure_hpa, vapour)
 
 

@@ -13,7 +13,7 @@ from thzcl.errors import UsageError
 
 if TYPE_CHECKING:
     from thzcl.air.composition import Part
-    from thzcl.air.spectrum import Record, States
+    from thzcl.air.spectrum import Array, Record, States
 
 # What falls: the option that says how much, and the key of which constituent it is.
 WEATHER = {
@@ -94,21 +94,53 @@ def absorption(
     if frequency_ghz is None:
         raise UsageError("give --frequency-ghz F, or --validation")
     weather = _weather(amounts, drop_sizes)
-    states = _states((frequency_ghz, temperature_k), pressure_hpa, _humidity(**humidities))
+    given = {"--frequency-ghz": frequency_ghz, "--temperature-k": temperature_k}
+    states = _states(given, pressure_hpa, _humidity(**humidities))
     rows, notes = _spectra(states, model or ["mpm93"], weather)
     _show(rows, how, figure)
     complain([f"note: {note}" for note in notes])
 
 
-def _states(given: tuple[str, str], pressure_hpa: float, moist: tuple[str, float]) -> States:
+def _states(given: dict[str, str], pressure_hpa: float, moist: tuple[str, float]) -> States:
     """Returns the states of the air; `given` are frequencies in GHz and temperatures in K."""
     from thzcl.air import spectrum
 
+    ghz, kelvin = (_numbers(option, text) for option, text in given.items())
+    for end in (float(kelvin.min()), float(kelvin.max())):
+        _held_to_the_limits_of_scenes(end, pressure_hpa, *moist)
     try:
-        ghz, kelvin = (spectrum.values(text) for text in given)
         return spectrum.states(ghz, kelvin, pressure_hpa, *moist)
     except ValueError as error:
         raise UsageError(str(error)) from None
+
+
+def _numbers(option: str, text: str) -> Array:
+    """Returns what an option's text holds."""
+    from thzcl.air import spectrum
+
+    try:
+        return spectrum.values(text)
+    except ValueError as error:
+        raise UsageError(f"{option}: {error}") from None
+
+
+def _held_to_the_limits_of_scenes(
+    temperature_k: float, pressure_hpa: float, humidity: str, amount: float
+) -> None:
+    """Raises UsageError for air that a scene's [atmosphere] could not have.
+
+    A vapour pressure, for which scenes have no key, is held to the total by what computes with it.
+    """
+    from thzcl.scenario.atmosphere import Atmosphere
+    from thzcl.scenario.problems import validate
+
+    air = {"temperature_k": temperature_k, "pressure_hpa": pressure_hpa}
+    known = humidity in Atmosphere.model_fields
+    air |= {humidity: amount} if known else {"relative_humidity_percent": 0.0}
+    _, troubles = validate(Atmosphere, air)
+    if troubles:
+        options = ((str(one.path[0]).replace("_", "-"), one.text) for one in troubles)
+        raise UsageError("; ".join(f"--{option}: {text}" for option, text in options))
 
 
 def _spectra(

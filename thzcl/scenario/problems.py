@@ -10,6 +10,7 @@ from pydantic import BaseModel, ValidationError
 from pydantic.fields import FieldInfo
 from pydantic_core import PydanticCustomError
 
+from thzcl.air.units import KELVIN
 from thzcl.plugins.names import suggest
 
 Path = tuple[str | int, ...]  # keys and list positions from the top of the document
@@ -127,7 +128,23 @@ def _sentence(item: Any, path: Path, fields: Mapping[str, FieldInfo]) -> str:
         return f"must hold {wanted} values, not {context.get('actual_length')}"
     if kind in ("value_error", "assertion_error"):  # of a validator that a plugin brings along
         return str(context["error"])
-    return f"{_due(item, context, field)}, not {shown(_given(item))}"
+    return f"{_due(item, context, field)}, not {shown(_given(item))}{_celsius(item, field)}"
+
+
+def _celsius(item: Any, field: FieldInfo | None) -> str:
+    """Returns a remedy for a temperature that is too low in kelvin, and may be in another unit."""
+    if _unit(field) != "K" or item["type"] != "greater_than_equal":
+        return ""
+    given = float(item["input"])
+    kelvin = given + KELVIN
+    return f"; {given:g} degrees Celsius are {kelvin:.6g} K" if kelvin >= item["ctx"]["ge"] else ""
+
+
+def _unit(field: FieldInfo | None) -> str | None:
+    """Returns the unit of a key, or None."""
+    extra = field.json_schema_extra if field else None
+    unit = extra.get("unit") if isinstance(extra, dict) else None
+    return unit if isinstance(unit, str) else None
 
 
 def _given(item: Any) -> Any:
@@ -146,8 +163,7 @@ def _due(item: Any, context: Mapping[str, Any], field: FieldInfo | None) -> str:
         return f"must be {_KINDS[kind]}"
     if kind in _LIMITS:
         word, limit = _LIMITS[kind]
-        extra = field.json_schema_extra if field else None
-        unit = extra.get("unit") if isinstance(extra, dict) else None
+        unit = _unit(field)
         return f"must be {word} {context[limit]:g}{f' {unit}' if unit else ''}"
     message = str(item["msg"])
     return message[:1].lower() + message[1:]
