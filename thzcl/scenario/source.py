@@ -77,11 +77,15 @@ class Scene:
 
     >>> import thzcl
     >>> scene = thzcl.Scene.from_toml('''
-    ... camera = { position_m = [0, 0, 2], look_at_m = [0, 30, 1], focal_length_mm = 50,
-    ...            focal_plane_mm = [10, 10], pixels = [4, 4] }
     ... atmosphere = { temperature_k = 290, relative_humidity_percent = 60 }
     ... ground = { temperature_k = 285 }
     ... sensor = { kind = "passive-spectral", frequency_ghz = 340 }
+    ... [camera]
+    ... position_m = [0, 0, 2]
+    ... look_at_m = [0, 30, 1]
+    ... focal_length_mm = 50
+    ... focal_plane_mm = [10, 10]
+    ... pixels = [4, 4]
     ... ''')
     >>> thzcl.run(scene).targets
     ('background', 'ground')
