@@ -324,6 +324,7 @@ class PassiveBroadband(Sensor):
                 "antenna_temperature": Layer(antenna, "K", "antenna temperature"),
             },
             facts=facts,
+            caption="" if p.noisy else "without noise",
         )
 
     def _collected(self, sight: Radiances) -> NDArray[np.float64]:

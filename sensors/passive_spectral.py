@@ -53,7 +53,10 @@ class PassiveSpectral(Sensor):
     def observe(self, sight: Radiances, rng: np.random.Generator) -> Image:  # noqa: ARG002
         """Returns the brightness temperature in kelvin, averaged over the frequencies."""
         return Image(
-            sight.brightness_temperature.mean(axis=0), unit="K", quantity="brightness temperature"
+            sight.brightness_temperature.mean(axis=0),
+            unit="K",
+            quantity="brightness temperature",
+            caption="without noise",
         )
 
 

@@ -344,11 +344,20 @@ def _result(plan: Plan, device: Device, made: list[_Made], clock: Clock, figure:
         targets=("background", "ground", *plan.scenario.targets),
         pixel_angles_mrad=tuple(angles(v.scene.camera) for v in plan.variants),
         conditions=tuple(
-            conditions(v.scene.atmosphere.air, one.recorded.sight, _caption(one))
+            conditions(
+                v.scene.atmosphere.air,
+                v.scene.atmosphere.model,
+                one.recorded.sight,
+                one.recorded.image,
+                v.scene.numerics.realizations,
+            )
             for v, one in pairs
         ),
         figure_columns=first.scene.output.figure_columns,
         limits=first.scene.output.limits,
+        color_map=first.scene.output.color_map,
+        picture_format=first.scene.output.format,
+        width_mm=first.scene.output.width_mm,
         difference=first.scene.output.difference,
         grid_rotations=tuple(ROTATIONS[v.orientation] for v in plan.variants),
         device=device.info.description,
@@ -372,11 +381,6 @@ def _result(plan: Plan, device: Device, made: list[_Made], clock: Clock, figure:
         airs=tuple({"variant": v.name, **report.fluctuations(v)} for v in plan.variants),
         skies=tuple(report.skies(plan)),
     )
-
-
-def _caption(made: _Made) -> str:
-    """Returns the words of a sensor for the heading of its picture."""
-    return made.recorded.image.caption if made.recorded.image else ""
 
 
 def _noise_seed(plan: Plan) -> int | None:

@@ -67,7 +67,7 @@ def run(
             taken = sequence(scenario, file, **asked, progress=tell)
             result, files, more = taken.mean, list(taken.files), {"frames": taken.frames}
             if not no_figure:
-                files.append(result.figure(file.with_suffix(".png")))
+                files.append(result.figure(file.with_suffix(f".{result.picture_format}")))
         else:
             result = pipeline.run(scenario, **asked, progress=tell, keep=False)
             files = _write(result, file, not no_figure, tell)
@@ -107,7 +107,7 @@ def _write(result: Result, file: Path, figure: bool, tell: Progress) -> list[Pat
     result.seconds["file"] = time.perf_counter() - start
     if figure:
         tell("figure")
-        files.append(result.figure(file.with_suffix(".png")))
+        files.append(result.figure(file.with_suffix(f".{result.picture_format}")))
         result.seconds["figure"] = time.perf_counter() - start - result.seconds["file"]
     return files
 

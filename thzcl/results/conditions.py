@@ -9,10 +9,11 @@ from numpy.typing import NDArray
 
 from thzcl.air.mean import Air
 from thzcl.scenario.scene import Camera
-from thzcl.sensor import Echoes, Radiances
+from thzcl.sensor import Echoes, Image, Radiances
 from thzcl.surfaces.geometry import FIRST_TARGET
 
 Array = NDArray[np.float64]
+NEDT = "NEDT at the sensor"  # the fact about an image that tells its noise
 
 
 def angles(camera: Camera) -> tuple[NDArray[Any], NDArray[Any]]:
@@ -27,8 +28,10 @@ def angles(camera: Camera) -> tuple[NDArray[Any], NDArray[Any]]:
     return 1e3 * np.arctan2(right, focal), 1e3 * np.arctan2(up, focal)
 
 
-def conditions(air: Air, sight: Radiances | Echoes, caption: str = "") -> tuple[str, ...]:
-    """Returns frequency, range, air and a sensor's caption in words, for a picture's titles.
+def conditions(
+    air: Air, model: str, sight: Radiances | Echoes, image: Image | None, realizations: int = 1
+) -> tuple[str, ...]:
+    """Returns frequency, range, air, absorption model and noise in words, for a picture's titles.
 
     The range is the median length of the rays that meet a target, or of all rays if none does.
     """
@@ -41,8 +44,18 @@ def conditions(air: Air, sight: Radiances | Echoes, caption: str = "") -> tuple[
         f"{air.relative_humidity_percent:.3g} % RH",
         f"{air.absolute_humidity_g_m3:.3g} g/m³",
         f"{air.pressure_hpa:g} hPa",
-        *([caption] if caption else []),
+        "no gas" if model == "none" else f"air by {model}",
+        noise(image) if image else "",
+        "" if realizations == 1 else f"mean of {realizations} realisations",
     )
+
+
+def noise(image: Image) -> str:
+    """Returns what speckle and noise an image has in words: its sensor's own, or by its NEDT."""
+    if image.caption or NEDT not in image.facts:
+        return image.caption
+    kelvin, unit = image.facts[NEDT]
+    return f"{NEDT.replace(' at', f' {kelvin:.2g} {unit} at')}"
 
 
 def _band(ghz: Array) -> str:

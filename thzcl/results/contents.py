@@ -84,7 +84,10 @@ class Contents:
     pixel_angles_mrad: tuple[tuple[Array, Array], ...]
     conditions: tuple[tuple[str, ...], ...]  # each variant's frequency, range and air, in words
     figure_columns: int | None
-    limits: str | tuple[float, float]  # of the picture: "panel", "shared", or black and white
+    limits: str | tuple[float, float]  # of the picture: "panel", "shared", or both ends
+    color_map: str  # of the images in the picture
+    picture_format: str  # "png", "pdf" or "svg", where a command names the file
+    width_mm: int | None  # of the picture in print; None on a screen
     difference: tuple[str, str] | None  # two variants, the difference of whose images is stored too
     grid_rotations: tuple[Array, ...]  # of each variant
     device: str

@@ -1,43 +1,54 @@
-"""The picture of a result: variants side by side, each stretched to its own contrast."""
+"""The picture of a result: variants side by side, those of one quantity in the same colours."""
 
 from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, BinaryIO, NamedTuple
 
 import numpy as np
 
-from thzcl.errors import FileError
+from thzcl.errors import FileError, UsageError
 from thzcl.results import spread
 from thzcl.results.contents import Array, Contents, VariantResult, readable
+from thzcl.results.layout import (
+    HEADING,
+    LABEL,
+    LINE,
+    MARGIN,
+    TICK,
+    TITLE,
+    Box,
+    Extent,
+    Layout,
+    Words,
+    lay_out,
+)
 from thzcl.sensor import Image
 
 FORMATS = ("png", "pdf", "svg")
-PANEL_INCHES = 3.2
-PITCH_INCHES = PANEL_INCHES + 1.0  # from panel to panel, with the colour bar
-DOTS_PER_INCH = 150
-IMAGE = "gray"  # colours of images
-DIVERGING = "RdBu_r"  # colours of differences, zero in the middle
-SPREAD = "magma"  # colours of standard deviations
+WIDTHS_MM = (88, 180)  # one and two columns of a journal
+SCREEN_DOTS, PRINT_DOTS = 150, 300  # per inch
+DIVERGING = "coolwarm"  # of differences, zero in the middle (Moreland 2009, even in CIELAB)
+SPREAD = "magma"  # of standard deviations and spreads
 VARIANCE = "image_variance"  # an ensemble's layer
-STRETCH_PERCENT = (0.1, 99.9)  # percentiles of the pixels that are shown black and white
-HEADING, TITLE, LABEL = 11, 9, 7  # sizes of letters, points
-LINE = 1.25 / 72  # inches from line to line, for each point of the letters' size
-
-Extent = tuple[float, float, float, float]  # left, right, bottom, top, mrad
+STRETCH_PERCENT = (0.1, 99.9)  # percentiles of the pixels at the ends of the colours
 
 
 class Panel(NamedTuple):
-    """One panel of a picture: its title, values (y, x) and where they lie, quantity and unit."""
+    """One panel of a picture: its title, values (y, x) and where they lie, quantity and unit.
 
-    title: str
+    `kind` is "image", "difference" or "spread"; `band` the frequency in words.
+    """
+
+    title: Sequence[Sequence[str]]
     values: Array
     quantity: str
     unit: str
-    colours: str
+    kind: str
+    band: str
     extent: Extent
 
 
@@ -49,55 +60,119 @@ def picture_format(path: Path) -> str:
     return form
 
 
-def draw(result: Contents, path: Path | BinaryIO, form: str) -> None:
+def draw(result: Contents, path: Path | BinaryIO, form: str, width_mm: int | None) -> None:
     """Writes a picture with one panel for each variant, and one for a difference if asked for."""
-    with warnings.catch_warnings():
+    import matplotlib as mpl
+
+    with warnings.catch_warnings(), mpl.rc_context({"pdf.fonttype": 42}):
+        # letters are TrueType, which journals ask for
         warnings.filterwarnings("ignore", "Glyph")  # a name in letters that the font lacks
-        picture(result).savefig(path, dpi=DOTS_PER_INCH, format=form)
+        picture(result, width_mm).savefig(path, format=form)
 
 
-def picture(result: Contents) -> Any:
-    """Returns the matplotlib figure of a result."""
+def checked_width(width_mm: float | None) -> int | None:
+    """Returns the width of a picture for print. Raises UsageError for another than a journal's."""
+    if width_mm is not None and width_mm not in WIDTHS_MM:
+        text = "pictures for print are 88 or 180 mm wide, one or two columns"
+        raise UsageError(f"width_mm = {width_mm:g}: {text}; leave it out for the screen")
+    return None if width_mm is None else int(width_mm)
+
+
+def picture(result: Contents, width_mm: int | None = None) -> Any:
+    """Returns the matplotlib figure of a result, as wide as a journal's column or a screen."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
     panels, beside, conditions = _panels(result)
     columns = result.figure_columns or math.ceil(math.sqrt(len(panels)))
     columns = math.ceil(columns / beside) * beside  # each image beside its spreads
-    rows = math.ceil(len(panels) / columns)
-    tallest = max(_height_over_width(panel.extent) for panel in panels)
-    tall = PANEL_INCHES * min(max(tallest, 0.3), 3.0)
-    lines = max(panel.title.count("\n") + 1 for panel in panels)
-    row = tall + 0.3 + lines * TITLE * LINE
-    heading = _heading(readable(result.scenario), conditions, columns * PITCH_INCHES - 0.3)
-    above = 0.2 + (heading.count("\n") + 1) * HEADING * LINE
-    size = (columns * PITCH_INCHES, rows * row + above)
-    figure = Figure(figsize=size, layout="constrained")
+    groups = _groups(panels, result.limits)
+    words = [
+        Words(panel.title, panel.extent, ends, _label(panel), group)
+        for panel, group, ends in zip(
+            panels, groups, _limits(panels, groups, result.limits), strict=True
+        )
+    ]
+    heading = _heading(readable(result.scenario), conditions)
+    layout = lay_out(heading, words, columns, beside, width_mm)
+    dots = SCREEN_DOTS if width_mm is None else PRINT_DOTS
+    figure = Figure(figsize=(layout.width / 72, layout.height / 72), dpi=dots)
     FigureCanvasAgg(figure)
-    figure.suptitle(heading, fontsize=HEADING, parse_math=False)
-    axes = figure.subplots(rows, columns, squeeze=False)
-    black_and_white = _limits(panels, result.limits)
-    for panel, ends, ax in zip(panels, black_and_white, axes.flat, strict=False):
-        _draw_panel(figure, ax, panel, ends, 0.85 * tall)
-    for ax in axes.flat[len(panels) :]:
-        ax.set_axis_off()
+    _name(figure, layout)
+    colours = {"image": result.color_map, "difference": DIVERGING, "spread": SPREAD}
+    shown = [
+        _draw_panel(figure, layout, number, panel, one.limits, colours[panel.kind])
+        for number, (panel, one) in enumerate(zip(panels, words, strict=True))
+    ]
+    for bar in layout.bars:
+        ax = figure.add_axes(_share(layout, bar.box))
+        drawn = figure.colorbar(shown[bar.panel], cax=ax)
+        drawn.set_ticks(bar.ticks.values, labels=bar.ticks.labels, parse_math=False)
+        drawn.minorticks_off()
+        ax.tick_params(labelsize=LABEL, length=TICK, pad=TICK)
+        middle = (bar.box.bottom + bar.box.height / 2) / layout.height
+        figure.text(
+            bar.label_x / layout.width, middle, bar.label, rotation=90, fontsize=LABEL,
+            va="center", ha="left", multialignment="center", linespacing=LINE, parse_math=False,
+        )  # fmt: skip
     return figure
 
 
-def _limits(panels: Sequence[Panel], asked: str | tuple[float, float]) -> list[tuple[float, float]]:
-    """Returns the values that are black and white in each panel.
+def _share(layout: Layout, box: Box) -> tuple[float, float, float, float]:
+    """Returns a place as parts of the figure."""
+    wide, tall = layout.width, layout.height
+    return box.left / wide, box.bottom / tall, box.width / wide, box.height / tall
 
-    Differences and spreads always have their own; images have what is `asked` for.
+
+def _name(figure: Any, layout: Layout) -> None:
+    """Writes the heading and the names of the axes."""
+    wide, tall = layout.width, layout.height
+    x, y = layout.middle
+    figure.suptitle(
+        layout.heading, x=0.5, y=1 - MARGIN / tall, va="top", fontsize=HEADING,
+        linespacing=LINE, parse_math=False,
+    )  # fmt: skip
+    figure.supxlabel("x angle / mrad", x=x / wide, y=MARGIN / tall, va="bottom", fontsize=LABEL)
+    left = min(one.image.left - one.y_ticks.width for one in layout.panels) - 3 * TICK
+    figure.supylabel(
+        "y angle / mrad", x=left / wide, y=y / tall, ha="right", va="center", fontsize=LABEL
+    )
+
+
+def _label(panel: Panel) -> str:
+    return panel.quantity if panel.unit == "1" else f"{panel.quantity} / {panel.unit}"
+
+
+def _groups(panels: Sequence[Panel], asked: str | tuple[float, float]) -> list[object]:
+    """Returns of each panel what those have in common that show the same colours."""
+    if asked == "panel":
+        return list(range(len(panels)))
+    given = not isinstance(asked, str)
+    return [
+        (one.kind, one.quantity, one.unit, "" if given and one.kind == "image" else one.band)
+        for one in panels
+    ]
+
+
+def _limits(
+    panels: Sequence[Panel], groups: Sequence[object], asked: str | tuple[float, float]
+) -> list[tuple[float, float]]:
+    """Returns the values at the ends of the colours in each panel.
+
+    Images have what is `asked` for; differences and spreads, and images where nothing is given,
+    have percentiles of all panels of their group.
     """
-    images = [panel.values.ravel() for panel in panels if panel.colours == IMAGE]
-    shared = asked if isinstance(asked, tuple) else _stretch(np.concatenate(images))
+    values: dict[object, list[Array]] = {}
+    for panel, group in zip(panels, groups, strict=True):
+        values.setdefault(group, []).append(panel.values.ravel())
+    own = {group: _stretch(np.concatenate(arrays)) for group, arrays in values.items()}
     found = []
-    for panel in panels:
-        low, high = _stretch(panel.values)
-        if panel.colours == DIVERGING:
+    for panel, group in zip(panels, groups, strict=True):
+        low, high = own[group]
+        if panel.kind == "difference":
             low, high = -max(-low, high), max(-low, high)
-        elif panel.colours == IMAGE and asked != "panel":
-            low, high = shared
+        elif panel.kind == "image" and isinstance(asked, tuple):
+            low, high = asked
         found.append((low, high if low < high else low + 1.0))
     return found
 
@@ -111,7 +186,8 @@ def _stretch(values: Array) -> tuple[float, float]:
 def _panels(result: Contents) -> tuple[list[Panel], int, list[str]]:
     """Returns the panels, how many each image has, and the conditions that all of them share.
 
-    Conditions are for the heading; those in which the variants differ are in the panels' titles.
+    Conditions are for the heading; those in which the variants differ are in the panels' titles,
+    but for what all variants say in their names.
     """
     each = zip(result.variants, result.conditions, result.pixel_angles_mrad, strict=True)
     shown = [
@@ -119,106 +195,93 @@ def _panels(result: Contents) -> tuple[list[Panel], int, list[str]]:
         for variant, words, angles in each
         if variant.image
     ]
-    columns = zip(*(words for _, _, words, _ in shown), strict=True)
+    columns = [*zip(*(words for _, _, words, _ in shown), strict=True)]
     shared = [len(set(column)) == 1 for column in columns]
+    names = [variant.name.split(", ") for variant, *_ in shown]
+    named = [all(map(list.__contains__, names, column)) for column in columns]
     found = []
     for variant, image, words, extent in shown:
-        own = [word for word, same in zip(words, shared, strict=True) if not same]
-        title = _title(variant.name, own)
-        found.append(Panel(title, image.values, image.quantity, image.unit, IMAGE, extent))
-        found += _spreads(result, variant, image, extent)
+        own = [
+            word
+            for word, same, said in zip(words, shared, named, strict=True)
+            if word and not same and not said
+        ]
+        name = "" if variant.name == result.scenario else variant.name
+        title, band = _title(name, own), words[0]
+        found.append(Panel(title, image.values, image.quantity, image.unit, "image", band, extent))
+        found += _spreads(result, variant, image, band, extent)
     beside = len(found) // len(shown)
     difference = result.image_difference()
     if difference is not None and result.difference is not None:
         title = _title(" less ".join(result.difference), [])
         quantity = f"difference of {found[0].quantity}"
         lies = next(extent for v, *_, extent in shown if v.name == result.difference[0])
-        found.append(Panel(title, difference, quantity, found[0].unit, DIVERGING, lies))
-    return found, beside, [word for word, same in zip(shown[0][2], shared, strict=True) if same]
+        unit = found[0].unit
+        found.append(Panel(title, difference, quantity, unit, "difference", "", lies))
+    return (
+        found,
+        beside,
+        [word for word, same in zip(shown[0][2], shared, strict=True) if same and word],
+    )
 
 
 def _spreads(
-    result: Contents, variant: VariantResult, image: Image, extent: Extent
+    result: Contents, variant: VariantResult, image: Image, band: str, extent: Extent
 ) -> Iterator[Panel]:
     """Yields the panels beside an image: its spread over realisations, and that over models."""
     if VARIANCE in image.layers:
         deviation = np.sqrt(image.layers[VARIANCE].values)
         title = _title(variant.name, ["spread over realisations"])
         quantity = f"standard deviation of {image.quantity}"
-        yield Panel(title, deviation, quantity, image.unit, SPREAD, extent)
+        yield Panel(title, deviation, quantity, image.unit, "spread", band, extent)
     if result.spread_shown and result.models:
         values, quantity, unit = spread.image(variant)
         main, *others = (one.name for one in variant.by_model(result.models[0]))
         title = _title(variant.name, [f"spread over {main}", *others])
-        yield Panel(title, values, quantity, unit, SPREAD, extent)
+        yield Panel(title, values, quantity, unit, "spread", band, extent)
 
 
-def _title(name: str, conditions: Sequence[str]) -> str:
-    """Returns a panel's title, folded: its name, and below it the conditions that are its own."""
-    width = PANEL_INCHES - 0.3
-    lines = [_folded(name.split(), width, TITLE)]
-    if conditions:
-        lines.append(_folded(_listed(conditions), width, TITLE))
-    return "\n".join(lines)
+def _title(name: str, conditions: Sequence[str]) -> list[list[str]]:
+    """Returns a panel's title: its name, and below the conditions of its own, in pieces."""
+    return [
+        part
+        for part in (_listed([" ".join(name.split())] if name else []), _listed(conditions))
+        if part
+    ]
 
 
-def _heading(scenario: str, conditions: Sequence[str], width: float) -> str:
-    """Returns the scenario and the conditions that all panels share, folded to a width."""
+def _heading(scenario: str, conditions: Sequence[str]) -> list[str]:
+    """Returns the scenario and the conditions that all panels share, in pieces."""
     name = f"{scenario}:" if conditions else scenario
-    return _folded([*name.split(), *_listed(conditions)], width, HEADING)
+    return [*name.split(), *_listed(conditions)]
 
 
 def _listed(conditions: Sequence[str]) -> list[str]:
     """Returns conditions with a comma after all but the last, as pieces that are not broken."""
-    pieces = ", ".join(conditions).split(", ")  # a condition may be several
+    pieces = ", ".join(conditions).split(", ") if conditions else []  # one may be several
     return [*(f"{piece}," for piece in pieces[:-1]), *pieces[-1:]]
 
 
-def _folded(pieces: Iterable[str], width: float, points: float) -> str:
-    """Returns pieces of text as lines of at most `width` inches, in letters of `points`."""
-    from matplotlib.font_manager import FontProperties
-    from matplotlib.textpath import text_to_path
-
-    font = FontProperties(size=points)
-
-    def inches(text: str) -> float:
-        extent = text_to_path.get_text_width_height_descent(text, font, ismath=False)
-        return float(extent[0]) / 72
-
-    lines: list[str] = []
-    for piece in pieces:
-        longer = f"{lines[-1]} {piece}" if lines else piece
-        if lines and inches(longer) <= width:
-            lines[-1] = longer
-            continue
-        rest = piece
-        while inches(rest) > width:  # a word longer than a line
-            fitting = max((n for n in range(1, len(rest)) if inches(rest[:n]) <= width), default=1)
-            lines.append(rest[:fitting])
-            rest = rest[fitting:]
-        lines.append(rest)
-    return "\n".join(lines)
-
-
 def _draw_panel(
-    figure: Any, ax: Any, panel: Panel, ends: tuple[float, float], bar_inches: float
-) -> None:
-    """Draws a panel on its axes, with a colour bar whose label is at most `bar_inches` long."""
+    figure: Any, layout: Layout, number: int, panel: Panel, ends: tuple[float, float], colours: str
+) -> Any:
+    """Draws a panel in its place, and returns what its colour bar is made of."""
+    placed = layout.panels[number]
+    ax = figure.add_axes(_share(layout, placed.image))
     shown = ax.imshow(
-        panel.values,
-        cmap=panel.colours,
-        vmin=ends[0],
-        vmax=ends[1],
-        extent=panel.extent,
-        interpolation="nearest",
+        panel.values, cmap=colours, vmin=ends[0], vmax=ends[1], extent=panel.extent,
+        aspect="auto", interpolation="antialiased",
+    )  # fmt: skip
+    ax.set_title(
+        placed.title, fontsize=TITLE, pad=1.5 * TICK, y=1.0, linespacing=LINE, parse_math=False
     )
-    ax.set_title(panel.title, fontsize=TITLE, parse_math=False)
-    ax.tick_params(labelsize=LABEL)
-    ax.set_xlabel("mrad", fontsize=LABEL)
-    bar = figure.colorbar(shown, ax=ax, shrink=0.85, panchor=False)
-    bar.ax.tick_params(labelsize=LABEL)
-    label = panel.quantity if panel.unit == "1" else f"{panel.quantity} / {panel.unit}"
-    bar.set_label(_folded(label.split(), bar_inches, LABEL), fontsize=LABEL, parse_math=False)
+    for axis, own, labelled in (
+        (ax.xaxis, placed.x_ticks, placed.x_labelled),
+        (ax.yaxis, placed.y_ticks, placed.y_labelled),
+    ):
+        axis.set_ticks(own.values, labels=own.labels if labelled else [""] * len(own.values))
+    ax.tick_params(labelsize=LABEL, length=TICK, pad=TICK)
+    return shown
 
 
 def _extent(columns: Array, rows: Array) -> Extent:
@@ -230,9 +293,3 @@ def _extent(columns: Array, rows: Array) -> Extent:
 def _half_step(angles: Array) -> float:
     """Returns half the angle between neighbouring pixels, mrad, or 0.5 for a single pixel."""
     return float(abs(angles[1] - angles[0]) / 2) if len(angles) > 1 else 0.5
-
-
-def _height_over_width(extent: Extent) -> float:
-    """Returns the height of a panel relative to its width."""
-    left, right, bottom, top = extent
-    return (top - bottom) / (right - left)

@@ -13,6 +13,7 @@ from thzcl.errors import FileError
 from thzcl.files import RESULT, open_netcdf
 from thzcl.results.contents import Array, Cube, ModelResult, VariantResult
 from thzcl.results.netcdf import PLANE, REFERENCE, VOXELS
+from thzcl.scenario.scene import Output
 from thzcl.scenario.text import load as load_toml
 from thzcl.sensor import Echoes, Image, Layer, Radiances
 from thzcl.turbulence.lattice import Lattice
@@ -53,8 +54,8 @@ class _Stored:
     def fields(self) -> dict[str, Any]:
         """Returns the fields of Contents."""
         text, count = self.text, len(self.names)
-        output = load_toml(text["scenario_toml"], str(self.path)).get("output", {})
-        limits, difference = output.get("limits", "panel"), output.get("difference")
+        tables = load_toml(text["scenario_toml"], str(self.path))
+        output = Output.model_validate(tables.get("output", {}))
         rotation = np.array(json.loads(text["grid_rotation"]), dtype=float)
         angles = zip(self._each("x_angle", 1), self._each("y_angle", 1), strict=True)
         told = {name: json.loads(text[name]) for name in ("seconds", "versions", "error_budget")}
@@ -75,9 +76,12 @@ class _Stored:
             "targets": tuple(self.reference["targets"]),
             "pixel_angles_mrad": tuple(angles),
             "conditions": tuple(map(tuple, self.reference["conditions"])),
-            "figure_columns": output.get("figure_columns"),
-            "limits": limits if isinstance(limits, str) else tuple(map(float, limits)),
-            "difference": None if difference is None else tuple(difference),
+            "figure_columns": output.figure_columns,
+            "limits": output.limits,
+            "color_map": output.color_map,
+            "picture_format": output.format,
+            "width_mm": output.width_mm,
+            "difference": output.difference,
             "grid_rotations": (rotation,) * count if rotation.ndim == 2 else tuple(rotation),
             "device": text["device"],
             "seed": int(text["seed"]),
@@ -85,7 +89,7 @@ class _Stored:
             "voxel_segments": int(text["voxel_segments"]),
             "cubes": tuple(self._cubes()),
             "models": tuple(self.models),
-            "spread_shown": output.get("model_spread", False),
+            "spread_shown": output.model_spread,
         }
 
     def _variants(self) -> Iterator[VariantResult]:

@@ -42,24 +42,27 @@ class Result(Contents):
         write_whole(path, lambda part: netcdf.write(self, part))
         return path
 
-    def figure(self, path: str | Path) -> Path:
+    def figure(self, path: str | Path, width_mm: int | None = None) -> Path:
         """Writes a picture of the variants side by side, whole or not at all; returns its path.
 
-        The path ends in its format: .png, .pdf or .svg. Raises FileError for another ending, and
-        OSError if the file cannot be written.
+        The path ends in its format: .png, .pdf or .svg. `width_mm` is 88 or 180, one or two columns
+        of a journal; by default what the scene says, or else the panels are as wide as suits a
+        screen. Raises FileError for another ending, UsageError for another width, and OSError if
+        the file cannot be written.
         """
-        from thzcl.results.figure import draw, picture_format
+        from thzcl.results.figure import checked_width, draw, picture_format
 
         path = Path(path)
         form = picture_format(path)
-        write_whole(path, lambda part: draw(self, part, form))
+        width = checked_width(self.width_mm if width_mm is None else width_mm)
+        write_whole(path, lambda part: draw(self, part, form, width))
         return path
 
     def plot(self) -> Figure:
         """Returns a picture of the variants side by side as a matplotlib figure."""
         from thzcl.results.figure import picture
 
-        return picture(self)  # type: ignore[no-any-return]
+        return picture(self, self.width_mm)  # type: ignore[no-any-return]
 
     def _repr_png_(self) -> bytes:
         """Returns the picture for notebooks."""
@@ -68,7 +71,7 @@ class Result(Contents):
         from thzcl.results.figure import draw
 
         file = BytesIO()
-        draw(self, file, "png")
+        draw(self, file, "png", self.width_mm)
         return file.getvalue()
 
     def to_xarray(self) -> xarray.Dataset:

@@ -369,14 +369,23 @@ class Numerics(Table):
 
 
 class Output(Table):
-    """What the result file holds beyond the images."""
+    """What the result file holds beyond the images, and how the picture looks."""
 
     save_field: bool = key(False, help="store the humidity cube (and the temperature cube)")
     figure_columns: int | None = key(None, ge=1, le=100, help="panels to a row of the picture")
+    color_map: Literal["gray", "viridis", "magma", "inferno", "plasma", "cividis"] = key(
+        "gray", help="colours of the images in the picture, even to the eye"
+    )
     limits: Literal["panel", "shared"] | tuple[float, float] = key(
-        "panel",
-        help="what is black and white in the picture: each panel's own, those of all panels "
-        "together, or two values [low, high] in the image's unit",
+        "shared",
+        help="values at the ends of the picture's colours: the same in all panels of one quantity "
+        "and frequency, each panel's own, or two values [low, high] in the image's unit",
+    )
+    format: Literal["png", "pdf", "svg"] = key("png", help="format of the picture")
+    width_mm: Literal[88, 180] | None = key(
+        None,
+        help="width of the picture in print, one or two columns of a journal; none: for a screen",
+        unit="mm",
     )
     difference: tuple[str, str] | None = key(
         None, help="two variants whose images' difference is shown and stored too"
@@ -460,7 +469,9 @@ class Scene(Table):
         None, help="the air above; leave the table out for a black one of the air's temperature"
     )
     numerics: Numerics = key(Numerics(), help="how the numbers are computed")
-    output: Output = key(Output(), help="what the result file holds beyond the images")
+    output: Output = key(
+        Output(), help="what the result file holds beyond the images, and how the picture looks"
+    )
     study: StudyTable | None = key(None, help="what `thzcl study` varies")
     sequence: SequenceTable | None = key(
         None, help="frames of moving air in place of one image; leave the table out for one"
