@@ -13,6 +13,7 @@ from thzcl.errors import FileError
 from thzcl.files import RESULT, open_netcdf
 from thzcl.results.contents import Array, Cube, ModelResult, VariantResult
 from thzcl.results.netcdf import PLANE, REFERENCE, VOXELS
+from thzcl.scenario.document import frozen
 from thzcl.scenario.scene import Output
 from thzcl.scenario.text import load as load_toml
 from thzcl.sensor import Echoes, Image, Layer, Radiances
@@ -55,7 +56,7 @@ class _Stored:
         """Returns the fields of Contents."""
         text, count = self.text, len(self.names)
         tables = load_toml(text["scenario_toml"], str(self.path))
-        output = Output.model_validate(tables.get("output", {}))
+        output = Output.model_validate(frozen(tables.get("output", {})))
         rotation = np.array(json.loads(text["grid_rotation"]), dtype=float)
         angles = zip(self._each("x_angle", 1), self._each("y_angle", 1), strict=True)
         told = {name: json.loads(text[name]) for name in ("seconds", "versions", "error_budget")}
