@@ -16,8 +16,8 @@ from thzcl.results.contents import Array, Contents, VariantResult, readable
 from thzcl.results.layout import (
     HEADING,
     LABEL,
-    LINE,
     MARGIN,
+    SPACING,
     TICK,
     TITLE,
     Box,
@@ -113,7 +113,7 @@ def picture(result: Contents, width_mm: int | None = None) -> Any:
         middle = (bar.box.bottom + bar.box.height / 2) / layout.height
         figure.text(
             bar.label_x / layout.width, middle, bar.label, rotation=90, fontsize=LABEL,
-            va="center", ha="left", multialignment="center", linespacing=LINE, parse_math=False,
+            va="center", ha="left", multialignment="center", linespacing=SPACING, parse_math=False,
         )  # fmt: skip
     return figure
 
@@ -130,7 +130,7 @@ def _name(figure: Any, layout: Layout) -> None:
     x, y = layout.middle
     figure.suptitle(
         layout.heading, x=0.5, y=1 - MARGIN / tall, va="top", fontsize=HEADING,
-        linespacing=LINE, parse_math=False,
+        linespacing=SPACING, parse_math=False,
     )  # fmt: skip
     figure.supxlabel("x angle / mrad", x=x / wide, y=MARGIN / tall, va="bottom", fontsize=LABEL)
     left = min(one.image.left - one.y_ticks.width for one in layout.panels) - 3 * TICK
@@ -273,7 +273,7 @@ def _draw_panel(
         aspect="auto", interpolation="antialiased",
     )  # fmt: skip
     ax.set_title(
-        placed.title, fontsize=TITLE, pad=1.5 * TICK, y=1.0, linespacing=LINE, parse_math=False
+        placed.title, fontsize=TITLE, pad=1.5 * TICK, y=1.0, linespacing=SPACING, parse_math=False
     )
     for axis, own, labelled in (
         (ax.xaxis, placed.x_ticks, placed.x_labelled),

@@ -12,7 +12,8 @@ from typing import NamedTuple
 
 POINTS_PER_MM = 72 / 25.4
 HEADING, TITLE, LABEL = 9.0, 8.0, 7.0  # sizes of letters
-LINE = 1.25  # from line to line, times the size of the letters
+LINE = 1.25  # what a line takes, times the size of its letters
+SPACING = 1.1  # from line to line as it is drawn; ascents and descents differ by font and version
 MARGIN, GAP = 5.0, 7.0  # around everything, and between parts
 TICK = 2.0  # length of a tick, and from it to its label
 BAR = 7.0  # width of a colour bar
