@@ -68,7 +68,7 @@ def test_all_other_knobs(tmp_path):
     )
     found = studied(tmp_path, data, ["stride", "samples", "voxel", "cutoff", "fft"])
     strides = by_setting(found, "stride")
-    assert strides["every ray"] < 1e-6 < strides["every 2th ray"] < strides["every 8th ray"]
+    assert strides["every ray"] < 1e-6 < strides["one ray in 2"] < strides["one ray in 8"]
     samples = list(by_setting(found, "samples").values())
     assert samples[0] > samples[1] > samples[2] > 1e-4
     voxels = list(by_setting(found, "voxel").values())

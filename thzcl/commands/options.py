@@ -83,7 +83,7 @@ HowRecord = Annotated[RecordFormat, typer.Option("--format", help="how to print"
 def changes(settings: list[str] | None) -> dict[str, Any]:
     """Returns `--set` options as dotted keys and TOML values; what is not TOML is text.
 
-    Raises UsageError for an option without a key or a value.
+    Raises UsageError for an option without a key or a value, and for a list or table that is none.
     """
     import tomli
 
@@ -97,5 +97,10 @@ def changes(settings: list[str] | None) -> dict[str, Any]:
         try:
             found[name.strip()] = tomli.loads(f"value = {text}")["value"]
         except (ValueError, RecursionError):  # no TOML, too many digits, or too deep
+            if text.startswith(("[", "{")):
+                raise UsageError(
+                    f"--set {item}: {text} is no TOML list or table; a shell takes double quotes "
+                    f"away, so that the whole must stand in single ones: --set '{name}=[\"a\"]'"
+                ) from None
             found[name.strip()] = text
     return found

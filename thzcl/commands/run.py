@@ -134,46 +134,51 @@ def tables(found: dict[str, Any]) -> list[Table]:
 
 def _targets(found: dict[str, Any]) -> Table:
     from thzcl.commands.tables import Column, Table
-    from thzcl.results.summary import seeds_in_words
+    from thzcl.results.summary import by_frequency, seeds_in_words, two_ways
 
     columns = (
         Column("variant"),
+        Column("frequency", "GHz", "g"),
         Column("target"),
         Column("pixels"),
         Column("contrast to air", "K", "+.5g"),
         Column("spread", "K", ".3g"),
         Column("optical depth", form=".4g"),
         Column("transmission", form=".4g"),
+        Column("path of light"),
     )
     keys = ("pixels", "mean_contrast_k", "std_k", "optical_depth", "transmission")
     rows = tuple(
-        (variant["name"], target, *(values[key] for key in keys))
+        (variant["name"], ghz, target, *(values[key] for key in keys), two_ways(variant))
         for variant in found["variants"]
-        for target, values in variant["targets"].items()
+        for ghz, targets in by_frequency(variant)
+        for target, values in targets.items()
     )
     seeds = seeds_in_words(found["seed"], found["noise_seed"])
-    return Table(f"{found['scenario']}, {seeds}", columns, rows, keys=2)
+    return Table(f"{found['scenario']}, {seeds}", columns, rows, keys=3)
 
 
 def _models(variants: list[dict[str, Any]]) -> Table:
     from thzcl.commands.tables import Column, Table
+    from thzcl.results.summary import by_model, two_ways
 
     columns = (
         Column("variant"),
+        Column("frequency", "GHz", "g"),
         Column("target"),
         Column("by model"),
         Column("contrast to air", "K", "+.5g"),
         Column("optical depth", form=".4g"),
         Column("transmission", form=".4g"),
+        Column("path of light"),
     )
     keys = ("mean_contrast_k", "optical_depth", "transmission")
     rows = tuple(
-        (variant["name"], target, model, *(of_model["targets"][target][key] for key in keys))
+        (variant["name"], ghz, target, model, *(values[key] for key in keys), two_ways(variant))
         for variant in variants
-        for target in variant["targets"]
-        for model, of_model in variant.get("models", {}).items()
+        for ghz, target, model, values in by_model(variant)
     )
-    return Table("", columns, rows, keys=3)
+    return Table("", columns, rows, keys=4)
 
 
 def _facts(variants: list[dict[str, Any]]) -> Table:

@@ -7,7 +7,7 @@ import io
 import json
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 from thzcl.commands.terminal import PIPE_WIDTH, width_to_keep
@@ -73,10 +73,10 @@ def show_json(found: Any) -> None:
 
 
 def show(*tables: Table) -> None:
-    """Prints tables, none of them wider than the terminal or COLUMNS, and leaves out empty ones.
+    """Prints tables, none of them wider than the terminal or COLUMNS.
 
-    Text is folded. A table that is still too wide is cut into several, each of which begins with
-    the columns that name its rows.
+    Tables without rows, and columns without a value, are left out. Text is folded. A table that is
+    still too wide is cut into several, each of which begins with the columns that name its rows.
     """
     from rich.console import Console
     from rich.text import Text
@@ -84,12 +84,21 @@ def show(*tables: Table) -> None:
     width = width_to_keep() or PIPE_WIDTH
     console = Console(width=width)
     with console.capture() as captured:  # rich would end the process if nobody reads
-        for table in tables:
+        for table in map(_without_empty_columns, tables):
             if table.title and table.rows:
                 console.print(Text(table.title, style="bold"))
             for block in _blocks(table, width) if table.rows else ():
                 console.print(_drawn(block, width))
     print(captured.get(), end="")
+
+
+def _without_empty_columns(table: Table) -> Table:
+    """Returns a table of those columns that have a value in any row."""
+    full = [
+        n for n in range(len(table.columns)) if any(row[n] not in (None, "") for row in table.rows)
+    ]
+    keys = sum(n < table.keys for n in full)
+    return replace(_only(table, full), title=table.title, keys=keys)
 
 
 def _blocks(table: Table, width: int) -> list[Table]:

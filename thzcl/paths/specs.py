@@ -162,7 +162,7 @@ class TraceSpec(Spec):
         """Returns that rays are traced, and which of them are interpolated."""
         thinned = ""
         if self.stride > 1:
-            ray = f"every {self.stride}th ray both ways and the edges"
+            ray = f"one ray in {self.stride} both ways and the edges"
             thinned = f"; {ray}, the rest interpolated"
         return {"trace": Work("trace", thinned), "path-emission": _ISOTHERMAL}
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -124,3 +124,21 @@ class Contents:
 def readable(name: str) -> str:
     """Returns a file's name as valid UTF-8, in whatever way the locale decoded its bytes."""
     return name.encode("utf-8", "surrogateescape").decode("utf-8", "replace")
+
+
+def at_frequency(sight: Radiances | Echoes, number: int) -> Radiances | Echoes:
+    """Returns what reached the pixels at one of several frequencies or bands."""
+    if len(sight.frequency_hz) == 1:
+        return sight
+    one = slice(number, number + 1)
+    changes: dict[str, Any] = {
+        "frequency_hz": sight.frequency_hz[one],
+        "optical_depth": sight.optical_depth[one],
+        "weights": None if sight.weights is None else sight.weights[one],
+    }
+    if isinstance(sight, Echoes):
+        of_air = None if sight.path_return is None else sight.path_return[one]
+        return replace(sight, **changes, returned=sight.returned[one], path_return=of_air)
+    return replace(
+        sight, **changes, contrast=sight.contrast[one], air_radiance=sight.air_radiance[one]
+    )

@@ -16,6 +16,7 @@ from thzcl.files import RESULT, open_netcdf
 from thzcl.results import page
 from thzcl.results.contents import readable
 from thzcl.results.page import Cell, Section, Series
+from thzcl.results.summary import by_frequency, by_model, two_ways
 
 INDEX, DESCRIPTION = "index.csv", "study.json"
 TARGET_COLUMNS = {
@@ -142,11 +143,19 @@ def _pictures(file: Any) -> Iterator[page.Picture]:
 def _targets(variants: Sequence[Mapping[str, Any]]) -> dict[str, Any] | None:
     """Returns the table of targets and metrics, without columns that hold nothing."""
     rows = [
-        (variant["name"], name, *(values.get(key) for key in TARGET_COLUMNS))
+        (
+            variant["name"],
+            ghz,
+            name,
+            *(values.get(key) for key in TARGET_COLUMNS),
+            two_ways(variant),
+        )
         for variant in variants
-        for name, values in variant["targets"].items()
+        for ghz, targets in by_frequency(variant)
+        for name, values in targets.items()
     ]
-    return _full_columns(("variant", "target", *TARGET_COLUMNS.values()), rows)
+    columns = ("variant", "frequency / GHz", "target", *TARGET_COLUMNS.values(), "path of light")
+    return _full_columns(columns, rows)
 
 
 def _full_columns(columns: Sequence[str], rows: Sequence[Sequence[Cell]]) -> dict[str, Any] | None:
@@ -157,12 +166,12 @@ def _full_columns(columns: Sequence[str], rows: Sequence[Sequence[Cell]]) -> dic
 def _models(variants: Sequence[Mapping[str, Any]]) -> dict[str, Any] | None:
     keys = ("mean_contrast_k", "optical_depth", "transmission")
     rows = [
-        (variant["name"], target, model, *(values.get(key) for key in keys))
+        (variant["name"], ghz, target, model, *(values.get(key) for key in keys), two_ways(variant))
         for variant in variants
-        for model, told in variant.get("models", {}).items()
-        for target, values in told["targets"].items()
+        for ghz, target, model, values in by_model(variant)
     ]
-    names = ("variant", "target", "model", *(TARGET_COLUMNS[key] for key in keys))
+    told_of = (TARGET_COLUMNS[key] for key in keys)
+    names = ("variant", "frequency / GHz", "target", "model", *told_of, "path of light")
     return _full_columns(names, rows)
 
 

@@ -5,9 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
-from thzcl.results.contents import Contents, ModelResult, VariantResult
+from thzcl.results.contents import Contents, ModelResult, VariantResult, at_frequency
 from thzcl.results.summary import target_table
-from thzcl.sensor import Echoes, Radiances
 
 KEYS = ("variant", "frequency_ghz", "model", "target")
 METRICS = (
@@ -33,21 +32,3 @@ def rows(result: Contents, model: str) -> list[dict[str, Any]]:
                     named = (variant.name, float(hz) / 1e9, one.name, target)
                     found.append(dict(zip(KEYS, named, strict=True)) | values)
     return found
-
-
-def at_frequency(sight: Radiances | Echoes, number: int) -> Radiances | Echoes:
-    """Returns what reached the pixels at one of several frequencies or bands."""
-    if len(sight.frequency_hz) == 1:
-        return sight
-    one = slice(number, number + 1)
-    changes: dict[str, Any] = {
-        "frequency_hz": sight.frequency_hz[one],
-        "optical_depth": sight.optical_depth[one],
-        "weights": None if sight.weights is None else sight.weights[one],
-    }
-    if isinstance(sight, Echoes):
-        of_air = None if sight.path_return is None else sight.path_return[one]
-        return replace(sight, **changes, returned=sight.returned[one], path_return=of_air)
-    return replace(
-        sight, **changes, contrast=sight.contrast[one], air_radiance=sight.air_radiance[one]
-    )

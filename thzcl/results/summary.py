@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from html import escape
 from typing import Any
 
 import numpy as np
 
 from thzcl import metrics
-from thzcl.results.contents import Array, Contents, ModelResult, VariantResult
-from thzcl.sensor import Image, Radiances
+from thzcl.results.contents import Array, Contents, ModelResult, VariantResult, at_frequency
+from thzcl.sensor import Echoes, Image, Radiances
+
+TWO_WAYS = "out and back"  # the path of an active sensor's light, whose depth is told of both ways
 
 
 def summary(result: Contents) -> dict[str, Any]:
@@ -41,18 +44,67 @@ def of_variant(variant: VariantResult, result: Contents) -> dict[str, Any]:
     """Returns the summary of one variant: its targets, facts about its image, and its models."""
     facts, names = _facts(variant), result.targets
     valued = {name: {"value": value, "unit": unit} for name, (value, unit) in facts.items()}
-    targets = target_table(variant, names)
-    found = {"name": variant.name, "targets": targets, "facts": valued}
+    several = len(variant.sight.frequency_hz) > 1
+    of_targets = _of_targets(variant, names, several)
+    path = TWO_WAYS if isinstance(variant.sight, Echoes) else "one way"
+    found = {"name": variant.name, "path": path, **of_targets, "facts": valued}
     if not variant.compared:
         return found
     main, *others = variant.by_model(result.models[0])
-    tables = {main.name: targets} | {one.name: target_table(one, names) for one in others}
-    frequencies = {one.name: (one.sight.frequency_hz / 1e9).tolist() for one in (main, *others)}
-    by_model = {
-        name: {"targets": table, "frequency_ghz": frequencies[name]}
-        for name, table in tables.items()
+    tables = {main.name: of_targets} | {
+        one.name: _of_targets(one, names, several) for one in others
     }
-    return found | {"models": by_model}
+    frequencies = {one.name: (one.sight.frequency_hz / 1e9).tolist() for one in (main, *others)}
+    models = {name: {**table, "frequency_ghz": frequencies[name]} for name, table in tables.items()}
+    return found | {"models": models}
+
+
+def _of_targets(
+    one: VariantResult | ModelResult, names: tuple[str, ...], several: bool
+) -> dict[str, Any]:
+    """Returns the targets by name: means, and of several frequencies also each by itself."""
+    found: dict[str, Any] = {"targets": target_table(one, names)}
+    if several:
+        found["frequencies"] = [
+            {
+                "frequency_ghz": float(hz) / 1e9,
+                "targets": target_table(replace(one, sight=at_frequency(one.sight, number)), names),
+            }
+            for number, hz in enumerate(one.sight.frequency_hz)
+        ]
+    return found
+
+
+def by_frequency(told: Mapping[str, Any]) -> list[tuple[float | None, Mapping[str, Any]]]:
+    """Returns the targets of a variant, or of a model, by the frequency in GHz.
+
+    `told` is what a summary says of the variant or model. The frequency is None of the only one.
+    """
+    every = [(one["frequency_ghz"], one["targets"]) for one in told.get("frequencies", ())]
+    return every or [(None, told["targets"])]
+
+
+def by_model(
+    variant: Mapping[str, Any],
+) -> Iterator[tuple[float | None, str, str, Mapping[str, Any]]]:
+    """Yields the frequency in GHz, the target, the model and what it tells, of a variant's summary.
+
+    Nothing is yielded if no models are compared. The frequency is None of the only one.
+    """
+    models = {name: dict(by_frequency(told)) for name, told in variant.get("models", {}).items()}
+    for ghz, targets in by_frequency(variant) if models else ():
+        for target in targets:
+            for model, told in models.items():
+                if ghz in told:  # else it is not valid there
+                    yield ghz, target, model, told[ghz][target]
+
+
+def two_ways(told: Mapping[str, Any]) -> str | None:
+    """Returns that depths and transmissions are those of the way out and back, if so of a variant.
+
+    `told` is what a summary says of the variant.
+    """
+    return TWO_WAYS if told.get("path") == TWO_WAYS else None
 
 
 def _image(variant: VariantResult | ModelResult) -> Image | None:
@@ -148,27 +200,33 @@ def seeds_in_words(seed: int, noise_seed: int | None) -> str:
 
 def html(result: Contents) -> str:
     """Returns a short table of the targets, for notebooks."""
-    head = ("variant", "target", "pixels", "contrast to air", "transmission")
+    head = ("variant", "frequency", "target", "pixels", "contrast to air", "transmission", "path")
+    told = [of_variant(variant, result) for variant in result.variants]
     rows = [
         (
-            variant.name,
+            variant["name"],
+            "" if ghz is None else f"{ghz:g} GHz",
             target,
             str(values["pixels"]),
             _kelvins(values["mean_contrast_k"]),
             f"{values['transmission']:.3g}",
+            two_ways(variant) or "",
         )
-        for variant in result.variants
-        for target, values in target_table(variant, result.targets).items()
+        for variant in told
+        for ghz, targets in by_frequency(variant)
+        for target, values in targets.items()
     ]
-    body = "".join(_row("td", row) for row in rows)
+    shown = [n for n in range(len(head)) if any(row[n] for row in rows)]
+    top, *below = ([row[n] for n in shown] for row in (head, *rows))
+    body = "".join(_row("td", row) for row in below)
     seeds = seeds_in_words(result.seed, result.noise_seed)
     return (
         f"<h4>{escape(result.scenario)}</h4><p>{escape(result.device)}, {seeds}</p>"
-        f"<table>{_row('th', head)}{body}</table>"
+        f"<table>{_row('th', top)}{body}</table>"
     )
 
 
-def _row(tag: str, cells: tuple[str, ...]) -> str:
+def _row(tag: str, cells: list[str]) -> str:
     """Returns a row of an HTML table, with cells of the element `tag`."""
     return f"<tr>{''.join(f'<{tag}>{escape(cell)}</{tag}>' for cell in cells)}</tr>"
 

@@ -286,7 +286,7 @@ def stride(subject: Subject) -> Knob:
     settings = [
         _simple(
             subject,
-            "every ray" if s == 1 else f"every {s}th ray",
+            "every ray" if s == 1 else f"one ray in {s}",
             s == own,
             {"numerics.ray_stride": s},
         )
