@@ -11,10 +11,10 @@ from scenes import ACTIVE, run, scene, write
 from thzcl import pipeline
 from thzcl.errors import ScenarioError
 from thzcl.graph import evaluate, everything
+from thzcl.plan import memory
 from thzcl.plan import report as overview
 from thzcl.results.contents import VariantResult
 from thzcl.sensor import Image, Layer, Radiances
-from thzcl.studies import ensemble
 from thzcl.studies.ensemble import Ensemble, Running
 from thzcl.turbulence.fields import FieldSpec
 
@@ -168,8 +168,8 @@ def test_percentiles_are_numpys_or_those_of_targets_beyond_the_bound(tmp_path, m
     images = np.array([one.variants[0].image.values for one in alone])
     shown = alone[0].variants[0].radiances.target == 2
     means = images[:, shown].mean(axis=1)
-    for bound in (ensemble.PERCENTILE_BYTES, 4 * images.size - 1):
-        monkeypatch.setattr(ensemble, "PERCENTILE_BYTES", bound)
+    for bound in (memory.PERCENTILE_BYTES, 4 * images.size - 1):
+        monkeypatch.setattr(memory, "PERCENTILE_BYTES", bound)
         image = run(tmp_path, data).variants[0].image
         for percent in (5, 50, 95):
             found = image.facts[f"box: percentile {percent} of the mean"]

@@ -19,7 +19,7 @@ from scenes import DRIFTING, PLAIN, scene, write
 from thzcl import pipeline
 from thzcl.clock import Clock
 from thzcl.graph import Memory, Spec, Values, evaluate, everything, frozen, peak, rewrite
-from thzcl.plan import report
+from thzcl.plan import memory
 from thzcl.sensing.pixels import SumSpec
 
 DEEP = 16  # diamonds on top of each other: 65,536 paths from the top to the bottom
@@ -341,7 +341,7 @@ def test_a_scan_holds_two_exposures_and_not_all(tmp_path):
         timed = {"timing": "focal-plane", "integration_time_s": 1.0, "samples": samples}
         sensor = {"kind": "raster-scan", "detector": PLAIN["sensor"]} | timed
         data = scene(sensor=sensor, atmosphere=DRIFTING, camera__pixels=[200, 200])
-        peaks.append(report.memory(pipeline.prepare(write(tmp_path, data)))[0])
+        peaks.append(memory.needed(pipeline.prepare(write(tmp_path, data)))[0])
     assert peaks[0] == pytest.approx(peaks[1], rel=0.01)
 
 

@@ -307,7 +307,8 @@ def _mean(
 
     `first` holds the images of the first realisation.
     """
-    from thzcl.studies.ensemble import Ensemble, by_pixel
+    from thzcl.plan.memory import by_pixel
+    from thzcl.studies.ensemble import Ensemble
 
     keep = by_pixel(plan.realizations, len(first), first[0].sight.target.size)
     ensembles = [Ensemble(so_far.targets, by_pixel=keep) for _ in first]

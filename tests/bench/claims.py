@@ -14,7 +14,7 @@ from timing import Record, alternate, stages, tell
 
 from thzcl import pipeline
 from thzcl.device.opencl import Device
-from thzcl.plan import report
+from thzcl.plan import memory
 from thzcl.plan.plan import Plan
 from thzcl.studies import bench as benchmark
 from thzcl.turbulence.fields import AnyField
@@ -187,7 +187,7 @@ def uniform(device: Device, repeat: int) -> list[Record]:
     )
     cubes = [spec for spec in plans["uniform"].specs() if isinstance(spec, AnyField)]
     cube = sum(size for spec in cubes for size in spec.memory().held)
-    saved = (report.memory(plans["slide"])[0] - report.memory(plans["uniform"])[0]) / 2**20
+    saved = (memory.needed(plans["slide"])[0] - memory.needed(plans["uniform"])[0]) / 2**20
     return [
         Record(
             "uniform: field and trace, against slide's",

@@ -9,7 +9,7 @@ import numpy as np
 
 from thzcl.device.opencl import Device
 from thzcl.errors import ScenarioError
-from thzcl.plan import report
+from thzcl.plan.memory import needed
 from thzcl.plan.plan import Plan
 from thzcl.plan.variant import PlannedVariant
 from thzcl.scenario.document import Document
@@ -208,7 +208,7 @@ def _transmitter_troubles(variant: PlannedVariant) -> list[Trouble]:
 
 def memory(plan: Plan, device: Device) -> None:
     """Raises ScenarioError if a plan needs more memory than the device has."""
-    total, largest = report.memory(plan)
+    total, largest = needed(plan)
     advice = (
         "lower grid, pixels, samples_per_pixel or the number of frequencies, or run variants apart "
         "with --variant"

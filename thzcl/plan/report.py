@@ -11,9 +11,9 @@ from thzcl.air.expansion import Expansion, ExpansionSpec, TrimmedSpec, possible
 from thzcl.air.mean import NOWHERE
 from thzcl.air.refraction import Refraction, estimate, structure_constant_n
 from thzcl.air.weather import falling
-from thzcl.graph import LeftOut, Work, everything, peak
+from thzcl.graph import LeftOut, Work, everything
 from thzcl.paths.specs import TraceSpec
-from thzcl.plan import materials, sky, weather
+from thzcl.plan import materials, memory, sky, weather
 from thzcl.plan.plan import Plan
 from thzcl.plan.variant import PlannedVariant
 from thzcl.surfaces.geometry import FIRST_TARGET, GROUND, KINDS
@@ -116,11 +116,6 @@ def _planned(variant: PlannedVariant) -> Expansion:
 def voxel_segments(plan: Plan) -> int:
     """Returns about how many segments of positive length all rays have in voxels."""
     return round(sum(spec.segments() for spec in plan.specs()) * plan.realizations)
-
-
-def memory(plan: Plan) -> tuple[int, int]:
-    """Returns the bytes that are needed at the peak, and those of the largest single array."""
-    return peak(plan.batch())
 
 
 def warnings(plan: Plan, errors: Iterable[float]) -> list[str]:
@@ -382,7 +377,7 @@ def as_json(plan: Plan, figure: bool = True) -> dict[str, object]:
         "stages": [
             {"name": s.name, "needed": s.needed, "reason": s.reason} for s in stages(plan, figure)
         ],
-        "memory_bytes": memory(plan)[0],
+        "memory_bytes": memory.needed(plan)[0],
         "voxel_segments": voxel_segments(plan),
         "frequencies_ghz": [round(float(f) / 1e9, 9) for f in plan.frequency_hz],
         "moments": moments(plan),

@@ -103,7 +103,10 @@ class ImageSpec(Spec):
     def memory(self) -> Memory:
         """Returns the planes of what reaches the sensor, and of its image."""
         height, width = self.pixels.steps.pixels
-        return Memory((8 * height * width * (self.spectrum.count + 2),))
+        pixels, real = height * width, np.dtype(self.precision).itemsize
+        values = pixels * self.spectrum.count
+        # Depth, contrast, and the kelvins of that; places, and the image with as large a layer.
+        return Memory((real * values,) * 2 + (8 * values, 12 * pixels, 16 * pixels), (16 * values,))
 
 
 @dataclass(frozen=True)
@@ -157,7 +160,8 @@ class ComparedSpec(Spec):
     def memory(self) -> Memory:
         """Returns the planes of what reaches the pixels."""
         height, width = self.pixels.steps.pixels
-        return Memory((8 * height * width * self.spectrum.count,))
+        values = height * width * self.spectrum.count
+        return Memory((np.dtype(self.places.ends.precision).itemsize * values,) * 2 + (8 * values,))
 
 
 def _sight(

@@ -61,6 +61,12 @@ class PlacesSpec(Spec):
         outgoing = length if out is None else pixels(out.path_length)
         return Places(length, outgoing, flags, cosine)
 
+    def memory(self) -> Memory:
+        """Returns the sizes of two lengths and a flag, and of the cosine where it is asked for."""
+        rows, columns = self.ends.geometry.raster.pixels
+        pixels = rows * columns
+        return Memory((8 * pixels,) * (2 + self.ends.asked.cosine) + (4 * pixels,))
+
 
 class Steps(NamedTuple):
     """How pixels lie among the rays of one exposure."""

@@ -19,7 +19,6 @@ from thzcl.sensor import Decibels, Echoes, Image, Layer, Radiances
 
 Array = NDArray[Any]
 PERCENTILES = (5, 50, 95)
-PERCENTILE_BYTES = 2**28  # of the images, in float32, whose percentiles are taken pixel by pixel
 _FLAG = "whether "  # how the quantity of a layer of flags begins
 
 
@@ -54,11 +53,6 @@ class Running:
     def variance(self) -> Array:
         """Returns the unbiased estimate of the variance, which is 0 for a single array."""
         return np.asarray(self._squares / max(self.count - 1, 1))
-
-
-def by_pixel(realizations: int, images: int, pixels: int) -> bool:
-    """Returns whether percentiles are those of every pixel of all images of a run."""
-    return 4 * realizations * images * pixels <= PERCENTILE_BYTES
 
 
 class MeanSight:
