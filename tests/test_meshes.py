@@ -455,6 +455,40 @@ def test_every_format_holds_the_same_box(tmp_path, kind):
         assert found.attributes["temperature_k"][0] == "vertex"
 
 
+FACET = b"""facet normal 0 0 1
+outer loop
+vertex 0 0 0
+vertex 1 0 0
+vertex 0 1 0
+endloop
+endfacet
+"""
+
+
+def test_what_programs_write_is_read(tmp_path):
+    """Groups of an OBJ are its parts where it has no objects; names may be in Latin 1."""
+    text = solids.obj(("hull", solids.CUBE, solids.BOX_FACES), ("tür", solids.CUBE, [[0, 1, 2]]))
+    (tmp_path / "a.obj").write_text(text.replace("\no ", "\ng ").replace("o h", "g h"), "latin-1")
+    found = mesh_file.read(tmp_path / "a.obj")
+    assert found.parts == ("hull", "tür")
+    assert np.bincount(found.part).tolist() == [12, 1]
+    (tmp_path / "a.stl").write_bytes(stl(solids.CUBE, solids.BOX_FACES) + b"made by us")
+    assert len(mesh_file.read(tmp_path / "a.stl").faces) == 12
+
+
+def test_objects_of_an_obj_hold_their_own_vertices_only(tmp_path, monkeypatch):
+    """Files of hundreds of objects would else take hundreds of times their size."""
+    pieces = [(f"part{n}", solids.CUBE + n, solids.BOX_FACES) for n in range(20)]
+    (tmp_path / "many.obj").write_text(solids.obj(*pieces), encoding="utf-8")
+    seen = []
+    checked = mesh_file._checked
+    monkeypatch.setattr(
+        mesh_file, "_checked", lambda *given: seen.extend(given[2]) or checked(*given)
+    )
+    assert mesh_file.read(tmp_path / "many.obj").parts == tuple(name for name, _, _ in pieces)
+    assert [len(piece.vertices) for piece in seen] == 20 * [8]
+
+
 BAD = {
     "empty.obj": (b"", "holds no triangles"),
     "empty.stl": (b"", ""),
@@ -463,7 +497,8 @@ BAD = {
     "noise.stl": (b"\x01" * 200, ""),
     "noise.ply": (b"ply\n" + bytes(range(256)), ""),
     "noise.glb": (b"glTF" + bytes(100), "no GLB file"),
-    "noise.npz": (b"PK" + bytes(100), "cannot be read"),
+    "noise.npz": (b"PK" + bytes(100), "no NPZ file"),
+    "noise.obj": (bytes(range(256)) * 3, "holds no triangles"),
     "far.obj": (b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 9\n", ""),
     "nan.obj": (b"v 0 0 nan\nv 1 0 0\nv 0 1 0\nf 1 2 3\n", "not finite"),
     "huge.obj": (b"v 0 0 0\nv 1e300 0 0\nv 0 1 0\nf 1 2 3\n", "beyond 1e+09"),
@@ -473,6 +508,10 @@ BAD = {
         b"ply\nformat ascii 1.0\nelement vertex 999999999999\nproperty float x\nend_header\n",
         "it is cut off or broken",
     ),
+    "points.ply": (ply(solids.CUBE, []).encode(), "holds no triangles"),
+    "cut.ply": (ply(solids.CUBE, solids.BOX_FACES)[:-20].encode(), "but holds 18: it is cut off"),
+    "cut.stl": (stl(solids.CUBE, solids.BOX_FACES)[:-70], "says 12 triangles but holds 10"),
+    "solid.stl": (b"solid a\n" + FACET + b"endsolid a\nsolid b\n" + FACET, "2 triangles begin, 1"),
     "mesh.step": (b"", "no mesh by its name"),
 }
 
@@ -513,6 +552,15 @@ def test_triangles_without_an_area_are_left_out_and_told(tmp_path):
     mesh = {"kind": "mesh", "file": "box.npz", "temperature_k": 300.0}
     result = run(tmp_path, scene(targets={"it": mesh | {"center_m": [20.0, 3.0, 1.0]}}))
     assert "it: 2 triangles without an area left out of box.npz" in result.warnings
+
+
+def test_values_of_faces_that_are_no_triangles_are_refused(tmp_path):
+    """A square of a PLY becomes two triangles, of which its value is none."""
+    text = ply(solids.CUBE, [[0, 1, 2, 3]]).replace("end_header", "property float heat\nend_header")
+    (tmp_path / "a.ply").write_text(text.replace("3 0 1 2 3", "4 0 1 2 3 300"), encoding="utf-8")
+    mesh = {"kind": "mesh", "file": "a.ply", "temperature": "heat", "center_m": [20.0, 3.0, 1.0]}
+    with pytest.raises(ScenarioError, match="heat: 1 values for 2 triangles; split all faces"):
+        run(tmp_path, scene(targets={"it": mesh}))
 
 
 WRONG = {

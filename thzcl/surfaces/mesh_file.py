@@ -5,7 +5,9 @@ from __future__ import annotations
 import io
 import json
 import logging
+import re
 import warnings
+import zipfile
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
@@ -24,6 +26,7 @@ Attribute = tuple[Literal["vertex", "face"], Array]
 
 MOST_TRIANGLES = 5_000_000
 FARTHEST = 1e9  # of a coordinate, before it is scaled
+STL_HEAD, STL_TRIANGLE = 84, 50  # bytes
 FORMATS = ("obj", "stl", "ply", "glb", "npz")
 UPWARD = {"glb": "y"}  # formats whose y axis points up
 
@@ -34,7 +37,8 @@ class MeshFile:
 
     `faces` (triangle, 3) are numbers of `vertices` (vertex, 3), and `part` (triangle,) numbers of
     `parts`, of which there is one in a file that names none. `attributes` by name are of each
-    "vertex" or "face". Triangles without an area are left out; `dropped` counts them.
+    "vertex" or "face", or of as many values as the file has, if these are other numbers. Triangles
+    without an area are left out; `dropped` counts them.
     """
 
     vertices: Array
@@ -66,7 +70,7 @@ def _read(path: Path, kind: str, content: str) -> MeshFile:  # noqa: ARG001 (as 
         if kind == "npz":
             pieces, attributes = _arrays(path, data)
         else:
-            _check_counts(path, kind, data)
+            data = _sound(path, kind, data)
             pieces, attributes = _by_trimesh(path, kind, data)
     except FileError:
         raise
@@ -96,14 +100,17 @@ def _by_trimesh(path: Path, kind: str, data: bytes) -> tuple[list[_Piece], dict[
         raise FileError(f"{path}: {text}; run: pip install 'thzcl[mesh]'") from None
     logging.getLogger("trimesh").setLevel(logging.CRITICAL)
     given: dict[str, Any] = {"file_type": kind, "process": False}
+    split = b"o" if _named(data, b"o") else b"g"  # objects, or groups where there are none
     if kind == "obj":
-        given |= {"split_objects": True, "group_material": False, "maintain_order": True}
-        given["skip_materials"] = True
+        given |= {"group_material": False, "skip_materials": True}
+        given |= {"split_objects": split == b"o", "split_groups": split == b"g"}
     with warnings.catch_warnings(action="ignore"):
         scene = trimesh.load_scene(io.BytesIO(data), **given)
     pieces = list(_pieces(scene))
+    if kind == "stl":
+        _refuse_lost(path, data, sum(len(piece.faces) for piece in pieces))
     if kind == "obj":  # objects come in another order than the file's
-        order = _objects(data)
+        order = _named(data, split)
         pieces.sort(key=lambda piece: order.get(piece.name, len(order)))
     return pieces, _ply_attributes(scene) if kind == "ply" else {}
 
@@ -122,14 +129,19 @@ def _pieces(scene: Any) -> Iterator[_Piece]:
         yield _Piece(str(node), vertices, np.asarray(mesh.faces, np.int64))
 
 
-def _objects(data: bytes) -> dict[str, int]:
-    """Returns the names of an OBJ's objects, numbered in the order of the file."""
-    names = [
-        line[2:].strip().decode("utf-8", "replace")
-        for line in data.splitlines()
-        if line.startswith(b"o ")
-    ]
-    return {name: number for number, name in enumerate(dict.fromkeys(names))}
+def _named(data: bytes, key: bytes) -> dict[str, int]:
+    """Returns the names of an OBJ's objects ("o") or groups ("g"), numbered in the file's order."""
+    names = re.findall(rb"^" + key + rb"[ \t]+(.*?)\s*$", data, re.MULTILINE)
+    return {name.decode("utf-8", "replace"): n for n, name in enumerate(dict.fromkeys(names))}
+
+
+def _refuse_lost(path: Path, data: bytes, read: int) -> None:
+    """Raises FileError where an STL in text has more triangles than were read: it is cut off."""
+    if _binary_stl(data):
+        return
+    told = len(re.findall(rb"^\s*facet\b", data, re.MULTILINE | re.IGNORECASE))
+    if told != read:
+        raise FileError(f"{path}: cut off or broken: {told:,} triangles begin, {read:,} are whole")
 
 
 def _ply_attributes(scene: Any) -> dict[str, Attribute]:
@@ -140,7 +152,7 @@ def _ply_attributes(scene: Any) -> dict[str, Attribute]:
         raw = mesh.metadata.get("_ply_raw", {})
         for element in elements:
             part = raw.get(element, {})
-            for name in part.get("properties", {}):
+            for name in part.get("properties", {}) if part.get("length") else ():
                 values = np.asarray(part["data"][name])
                 if values.dtype.kind in "fiu" and values.size == part["length"]:
                     found[name] = element, values.ravel().astype(np.float64)
@@ -152,6 +164,8 @@ def _arrays(path: Path, data: bytes) -> tuple[list[_Piece], dict[str, Attribute]
 
     `parts` are their names, and `part` (triangle,) numbers them; without these there is one piece.
     """
+    if not zipfile.is_zipfile(io.BytesIO(data)):
+        raise FileError(f"{path}: no NPZ file; write it by numpy.savez(file, vertices=, faces=)")
     with np.load(io.BytesIO(data), allow_pickle=False) as arrays:
         for name in ("vertices", "faces"):
             if name not in arrays:
@@ -176,9 +190,29 @@ def _arrays(path: Path, data: bytes) -> tuple[list[_Piece], dict[str, Attribute]
     return [replace(whole, names=tuple(names.tolist()), part=part.astype(np.int64))], attributes
 
 
-def _check_counts(path: Path, kind: str, data: bytes) -> None:
-    """Raises FileError where a file says that it holds more than its bytes can."""
+def _binary_stl(data: bytes) -> bool:
+    """Returns whether an STL is binary: text begins with "solid" and has no zeros."""
+    return len(data) >= STL_HEAD and (
+        b"\0" in data[:STL_HEAD] or not data[:STL_HEAD].lstrip().lower().startswith(b"solid")
+    )
+
+
+def _sound(path: Path, kind: str, data: bytes) -> bytes:
+    """Returns a file's bytes as trimesh reads them: text in UTF-8, nothing behind the last triangle.
+
+    Raises FileError where a file says that it holds more than its bytes can.
+    """
     most = len(data)
+    if kind == "stl" and _binary_stl(data):
+        told, there = int.from_bytes(data[80:84], "little"), (most - STL_HEAD) // STL_TRIANGLE
+        if told > there:
+            raise FileError(f"{path}: says {told:,} triangles but holds {there:,}: it is cut off")
+        return data[: STL_HEAD + STL_TRIANGLE * told]
+    if kind in ("obj", "stl"):
+        try:
+            data.decode("utf-8")
+        except UnicodeDecodeError:
+            return data.decode("latin-1").encode("utf-8")
     if kind == "ply":
         head = data[:100_000].partition(b"end_header")[0]
         counts = [line.split() for line in head.splitlines() if line.startswith(b"element")]
@@ -186,6 +220,10 @@ def _check_counts(path: Path, kind: str, data: bytes) -> None:
             if len(words) != 3 or not words[2].isdigit() or int(words[2]) > most:
                 shown = b" ".join(words).decode("ascii", "replace")[:60]
                 raise FileError(f"{path}: cannot hold {shown}: it is cut off or broken")
+        rows, body = sum(int(words[2]) for words in counts), data.partition(b"end_header")[2]
+        lines = len(re.findall(rb"[^\s][^\r\n]*", body))
+        if b"format ascii" in head and lines < rows:
+            raise FileError(f"{path}: says {rows:,} lines but holds {lines:,}: it is cut off")
     if kind == "glb":
         size = int.from_bytes(data[12:16], "little")
         if data[:4] != b"glTF" or data[16:20] != b"JSON" or size > most - 20:
@@ -198,6 +236,7 @@ def _check_counts(path: Path, kind: str, data: bytes) -> None:
             not str(one.get("uri", "data:")).startswith("data:") for one in told.get("buffers", ())
         ):
             raise FileError(f"{path}: its data lie in another file; export it as one GLB")
+    return data
 
 
 def _checked(
@@ -230,7 +269,8 @@ def _checked(
     kept = {}
     for name, (element, values) in attributes.items():
         if len(values) == (len(vertices) if element == "vertex" else count):
-            kept[name] = element, values[numbers] if element == "vertex" else values[good]
+            values = values[numbers] if element == "vertex" else values[good]
+        kept[name] = element, values
     up, dropped = UPWARD.get(kind, "z"), int((~good).sum())
     faces = faces.reshape(-1, 3)
     return MeshFile(vertices[numbers], faces, numbered[good], parts, up, dropped, kept)

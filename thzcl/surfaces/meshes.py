@@ -199,6 +199,10 @@ def _kelvin(path: Path, read: MeshFile, name: str) -> Array:
         text = suggest(name, read.attributes) if read.attributes else "the file has none"
         raise FileError(f"{path}: no attribute {name} of vertices or faces ({text})")
     element, values = read.attributes[name]
+    wanted = len(read.vertices) if element == "vertex" else len(read.faces)
+    if len(values) != wanted:
+        text = f"{len(values):,} values for {wanted:,} triangles; split all faces into triangles"
+        raise FileError(f"{path}: {name}: {text}")
     corners = values[read.faces] if element == "vertex" else np.repeat(values[:, None], 3, axis=1)
     if not np.isfinite(corners).all():
         raise FileError(f"{path}: {name}: a value is not finite; mend the file")
