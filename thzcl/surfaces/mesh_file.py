@@ -198,45 +198,59 @@ def _binary_stl(data: bytes) -> bool:
 
 
 def _sound(path: Path, kind: str, data: bytes) -> bytes:
-    """Returns a file's bytes as trimesh reads them: text in UTF-8, nothing behind the last triangle.
+    """Returns a file's bytes as trimesh reads them: text in UTF-8, nothing after its triangles.
 
     Raises FileError where a file says that it holds more than its bytes can.
     """
-    most = len(data)
     if kind == "stl" and _binary_stl(data):
-        told, there = int.from_bytes(data[80:84], "little"), (most - STL_HEAD) // STL_TRIANGLE
-        if told > there:
-            raise FileError(f"{path}: says {told:,} triangles but holds {there:,}: it is cut off")
-        return data[: STL_HEAD + STL_TRIANGLE * told]
-    if kind in ("obj", "stl"):
+        return _whole_stl(path, data)
+    if kind == "ply":
+        _check_ply(path, data)
+    elif kind == "glb":
+        _check_glb(path, data)
+    else:
         try:
             data.decode("utf-8")
         except UnicodeDecodeError:
             return data.decode("latin-1").encode("utf-8")
-    if kind == "ply":
-        head = data[:100_000].partition(b"end_header")[0]
-        counts = [line.split() for line in head.splitlines() if line.startswith(b"element")]
-        for words in counts:
-            if len(words) != 3 or not words[2].isdigit() or int(words[2]) > most:
-                shown = b" ".join(words).decode("ascii", "replace")[:60]
-                raise FileError(f"{path}: cannot hold {shown}: it is cut off or broken")
-        rows, body = sum(int(words[2]) for words in counts), data.partition(b"end_header")[2]
-        lines = len(re.findall(rb"[^\s][^\r\n]*", body))
-        if b"format ascii" in head and lines < rows:
-            raise FileError(f"{path}: says {rows:,} lines but holds {lines:,}: it is cut off")
-    if kind == "glb":
-        size = int.from_bytes(data[12:16], "little")
-        if data[:4] != b"glTF" or data[16:20] != b"JSON" or size > most - 20:
-            raise FileError(f"{path}: no GLB file; export it as binary glTF 2.0")
-        told = json.loads(data[20 : 20 + size])
-        for one in told.get("accessors", ()):
-            if not 0 <= int(one.get("count", 0)) <= most:
-                raise FileError(f"{path}: cannot hold {one['count']} values: it is broken")
-        if any(
-            not str(one.get("uri", "data:")).startswith("data:") for one in told.get("buffers", ())
-        ):
-            raise FileError(f"{path}: its data lie in another file; export it as one GLB")
     return data
+
+
+def _whole_stl(path: Path, data: bytes) -> bytes:
+    """Returns a binary STL up to its last triangle. Raises FileError where that is not there."""
+    told = int.from_bytes(data[STL_HEAD - 4 : STL_HEAD], "little")
+    there = (len(data) - STL_HEAD) // STL_TRIANGLE
+    if told != there:
+        raise FileError(f"{path}: says {told:,} triangles but holds {there:,}: cut off or broken")
+    return data[: STL_HEAD + STL_TRIANGLE * told]
+
+
+def _check_ply(path: Path, data: bytes) -> None:
+    """Raises FileError for a PLY that says that it holds more than its bytes can."""
+    head, _, body = data.partition(b"end_header")
+    counts = [line.split() for line in head[:100_000].splitlines() if line.startswith(b"element")]
+    for words in counts:
+        if len(words) != 3 or not words[2].isdigit() or int(words[2]) > len(data):
+            shown = b" ".join(words).decode("ascii", "replace")[:60]
+            raise FileError(f"{path}: cannot hold {shown}: it is cut off or broken")
+    if b"format ascii" not in head:
+        return
+    rows, lines = sum(int(words[2]) for words in counts), len(re.findall(rb"\S[^\r\n]*", body))
+    if lines < rows:
+        raise FileError(f"{path}: says {rows:,} lines but holds {lines:,}: it is cut off")
+
+
+def _check_glb(path: Path, data: bytes) -> None:
+    """Raises FileError for a GLB that says that it holds more than its bytes can."""
+    size = int.from_bytes(data[12:16], "little")
+    if data[:4] != b"glTF" or data[16:20] != b"JSON" or size > len(data) - 20:
+        raise FileError(f"{path}: no GLB file; export it as binary glTF 2.0")
+    told = json.loads(data[20 : 20 + size])
+    for one in told.get("accessors", ()):
+        if not 0 <= int(one.get("count", 0)) <= len(data):
+            raise FileError(f"{path}: cannot hold {one['count']} values: it is broken")
+    if any(not str(one.get("uri", "data:")).startswith("data:") for one in told.get("buffers", ())):
+        raise FileError(f"{path}: its data lie in another file; export it as one GLB")
 
 
 def _checked(
@@ -268,9 +282,9 @@ def _checked(
     numbers, faces = np.unique(faces[good], return_inverse=True)  # of vertices that are used
     kept = {}
     for name, (element, values) in attributes.items():
-        if len(values) == (len(vertices) if element == "vertex" else count):
-            values = values[numbers] if element == "vertex" else values[good]
-        kept[name] = element, values
+        fits = len(values) == (len(vertices) if element == "vertex" else count)
+        chosen = numbers if element == "vertex" else good
+        kept[name] = element, values[chosen] if fits else values
     up, dropped = UPWARD.get(kind, "z"), int((~good).sum())
     faces = faces.reshape(-1, 3)
     return MeshFile(vertices[numbers], faces, numbered[good], parts, up, dropped, kept)
