@@ -43,6 +43,7 @@ BODY = (
     (2.00, 0.80, 0.30, 0.76),
     (2.15, 0.68, 0.40, 0.66),
 )
+EDGE = 6  # points of a ring from the body's side to the edge of its hood
 # Of its cabin, upwards from the body: z, half width, tail and front x in m.
 CABIN = (
     (0.90, 0.80, -1.75, 0.85),
@@ -162,6 +163,7 @@ def vehicle() -> dict[str, list[Solid]]:
         for x, half, low, high in rows
     ]
     body = loft(np.array(rings))
+    shape, engine = rows.T, rows[np.searchsorted(rows[:, 0], 0.85), 0]
     rows = between(CABIN, 14)
     rings = [
         np.column_stack([rounded((x1 - x0) / 2, half, 5.0, x=(x0 + x1) / 2), np.full(ROUND, z)])
@@ -177,8 +179,13 @@ def vehicle() -> dict[str, list[Solid]]:
                 wheel(x, side * 0.80, np.array([0.25, 0.26, 0.25]), np.linspace(-0.10, 0.10, 3))
             )
 
-    def over_engine(middle: Array, up: Array) -> NDArray[np.bool_]:
-        return (middle[:, 0] > 0.85) & (middle[:, 2] > 0.6) & (up > 0.7)
+    def over_engine(middle: Array, _: Array) -> NDArray[np.bool_]:
+        # Between points of the rings, so that no face of theirs is cut; without the flat nose.
+        x, y, z = middle.T
+        half, low, high = (np.interp(x, shape[0], column) for column in shape[1:])
+        turn = np.arctan2((2 * z - low - high) / (high - low), y / half) * ROUND / (2 * np.pi)
+        across = (turn > EDGE) & (turn < ROUND / 2 - EDGE)
+        return (x > engine) & (x < shape[0, -1] - 1e-6) & across
 
     hood = _where(body, over_engine)
     rest = _where(body, lambda middle, up: ~over_engine(middle, up))
