@@ -155,7 +155,7 @@ def test_ticks_of_odd_sizes_say_by_what_they_are_scaled(low, high):
     found = ticks(low, high, 6)
     assert len(set(found.labels)) == len(found.labels) >= 2
     assert max(map(len, found.labels)) <= 4
-    plain = found.scale.replace("\N{MINUS SIGN}", "-").removeprefix(" (times 1e").rstrip(")")
+    plain = found.scale.replace("\N{MINUS SIGN}", "-").removeprefix("(times 1e").rstrip(")")
     cut = max(plain.find("+"), plain.find("-", 1))
     power, base = (plain, "0") if cut < 0 else (plain[:cut], plain[cut:])
     read = [
@@ -177,7 +177,7 @@ def test_folded_text_is_narrow_and_whole():
 def test_narrow_panels_make_shorter_rows():
     """Sixteen panels, four to a row, would be 12 mm wide on one column of a journal."""
     words = [
-        layout.Words([["name"]], (-9.0, 9.0, -9.0, 9.0), (0.0, 1.0), "unit", n // 4)
+        layout.Words([["name"]], (-9.0, 9.0, -9.0, 9.0), (0.0, 1.0), ["unit"], n // 4)
         for n in range(16)
     ]
     rows = {
@@ -244,7 +244,7 @@ def test_an_image_of_a_detector_says_its_nedt_and_of_how_many_airs_it_is_the_mea
     result = run(tmp_path, scene(sensor=sensor, numerics={"realizations": 2}))
     heading = " ".join(figure.picture(result).get_suptitle().split())
     kelvin = result.variants[0].image.facts["NEDT at the sensor"][0]
-    assert f"NEDT {kelvin:.2g} K at the sensor, mean of 2 realisations" in heading
+    assert f"NEDT {kelvin:.3g} K, mean of 2 realisations" in heading
 
 
 def lightness(name):

@@ -55,7 +55,7 @@ def noise(image: Image) -> str:
     if image.caption or NEDT not in image.facts:
         return image.caption
     kelvin, unit = image.facts[NEDT]
-    return f"{NEDT.replace(' at', f' {kelvin:.2g} {unit} at')}"
+    return f"NEDT {kelvin:.3g} {unit}"
 
 
 def _band(ghz: Array) -> str:

@@ -139,8 +139,10 @@ def _name(figure: Any, layout: Layout) -> None:
     )
 
 
-def _label(panel: Panel) -> str:
-    return panel.quantity if panel.unit == "1" else f"{panel.quantity} / {panel.unit}"
+def _label(panel: Panel) -> list[str]:
+    """Returns the label of a colour bar in pieces, the last with the unit."""
+    *words, last = panel.quantity.split() or [""]
+    return [*words, last if panel.unit == "1" else f"{last} / {panel.unit}"]
 
 
 def _groups(panels: Sequence[Panel], asked: str | tuple[float, float]) -> list[object]:
@@ -195,17 +197,14 @@ def _panels(result: Contents) -> tuple[list[Panel], int, list[str]]:
         for variant, words, angles in each
         if variant.image
     ]
-    columns = [*zip(*(words for _, _, words, _ in shown), strict=True)]
-    shared = [len(set(column)) == 1 for column in columns]
+    columns = zip(*(words for _, _, words, _ in shown), strict=True)
     names = [variant.name.split(", ") for variant, *_ in shown]
-    named = [all(map(list.__contains__, names, column)) for column in columns]
+    named = {word for column in columns if _each_in(column, names) for word in column}
+    pieces = [_pieces(words) for _, _, words, _ in shown]
+    shared = [piece for piece in pieces[0] if all(piece in others for others in pieces)]
     found = []
-    for variant, image, words, extent in shown:
-        own = [
-            word
-            for word, same, said in zip(words, shared, named, strict=True)
-            if word and not same and not said
-        ]
+    for (variant, image, words, extent), all_own in zip(shown, pieces, strict=True):
+        own = [piece for piece in all_own if piece not in shared and piece not in named]
         name = "" if variant.name == result.scenario else variant.name
         title, band = _title(name, own), words[0]
         found.append(Panel(title, image.values, image.quantity, image.unit, "image", band, extent))
@@ -218,11 +217,17 @@ def _panels(result: Contents) -> tuple[list[Panel], int, list[str]]:
         lies = next(extent for v, *_, extent in shown if v.name == result.difference[0])
         unit = found[0].unit
         found.append(Panel(title, difference, quantity, unit, "difference", "", lies))
-    return (
-        found,
-        beside,
-        [word for word, same in zip(shown[0][2], shared, strict=True) if same and word],
-    )
+    return found, beside, shared
+
+
+def _each_in(words: Sequence[str], names: Sequence[Sequence[str]]) -> bool:
+    """Returns whether each variant's word is a part of its name."""
+    return all(word in name for word, name in zip(words, names, strict=True))
+
+
+def _pieces(conditions: Sequence[str]) -> list[str]:
+    """Returns conditions one by one: a sensor's caption may hold several."""
+    return [piece for one in conditions for piece in one.split(", ") if piece]
 
 
 def _spreads(
@@ -258,7 +263,7 @@ def _heading(scenario: str, conditions: Sequence[str]) -> list[str]:
 
 def _listed(conditions: Sequence[str]) -> list[str]:
     """Returns conditions with a comma after all but the last, as pieces that are not broken."""
-    pieces = ", ".join(conditions).split(", ") if conditions else []  # one may be several
+    pieces = _pieces(conditions)
     return [*(f"{piece}," for piece in pieces[:-1]), *pieces[-1:]]
 
 

@@ -62,7 +62,7 @@ class Words(NamedTuple):
     title: Sequence[Sequence[str]]  # pieces of each of its paragraphs
     extent: Extent
     limits: tuple[float, float]
-    label: str  # of its colour bar
+    label: Sequence[str]  # of its colour bar, in pieces that are not broken
     group: object  # panels of one group share their colours
 
 
@@ -130,10 +130,12 @@ class _Grid:
         self.bars = bars([one.group for one in panels], self.columns)
         tallest = max(_shape(one.extent) for one in panels)
         self.shape = min(max(tallest, SHAPES[0]), SHAPES[1])
-        guess = PANEL if width is None else max(0.75 * width / self.columns - 2 * GAP, 10.0)
-        self._measure(guess)
-        self.panel = PANEL
+        self.panel = PANEL if width is None else max(0.75 * width / self.columns - 2 * GAP, 10.0)
+        self._measure(self.panel)
         if width is not None:
+            for _ in range(2):  # how words are folded depends on the width that they leave
+                self.panel = max((width - self._beside_panels()) / self.columns, 10.0)
+                self._measure(self.panel)
             self.panel = max((width - self._beside_panels()) / self.columns, 10.0)
         self._fold(self.panel)
         if width is not None:
@@ -165,8 +167,7 @@ class _Grid:
             lines = bar.rows[1] - bar.rows[0] + 1
             tall = lines * high + (lines - 1) * TITLE * LINE
             own = ticks(*first.limits, max(_count(tall, 2.4, most=8), 2))
-            label = f"{first.label}{own.scale}"
-            folded = fold(label.split(), tall + TITLE * LINE, LABEL)
+            folded = fold([*first.label, own.scale] if own.scale else first.label, tall, LABEL)
             self.bar_ticks.append(own)
             self.bar_labels.append(folded)
             wide = BAR + 3 * TICK + own.width + _height(folded, LABEL)
@@ -287,7 +288,7 @@ def ticks(low: float, high: float, most: int) -> Ticks:
         values = [base + n * step for n in range(last - first + 1)]
     labels = [_minus(f"{(value - base) / 10.0**digits:.0f}") for value in values]
     added = f"{base:+.{min(power - digits, 15)}e}" if base else ""
-    return Ticks(values, labels, _minus(f" (times 1e{digits}{added})"))
+    return Ticks(values, labels, _minus(f"(times 1e{digits}{added})"))
 
 
 def _step(low: float, high: float, most: int) -> float:
