@@ -117,7 +117,7 @@ def lay_out(
     grids = [_Grid(panels, n, width) for n in shorter or [columns]]
     best = grids[0]
     if best.panel < LEAST_PANEL:
-        best = max(grids, key=lambda grid: grid.panel)
+        best = max(grids, key=lambda grid: (grid.on_a_page, grid.panel))
     return best.layout(heading)
 
 
@@ -138,12 +138,15 @@ class _Grid:
                 self._measure(self.panel)
             self.panel = max((width - self._beside_panels()) / self.columns, 10.0)
         self._fold(self.panel)
+        self.on_a_page = True
         if width is not None:
             spare = TALLEST - self._above_panels() - 2 * HEADING * LINE
-            high = max(spare / self.rows / self.shape, min(self.panel, LEAST_PANEL))
-            if high < self.panel:
-                self.panel = high
-                self._fold(high)
+            widest = spare / self.rows / self.shape  # of panels that leave the picture on a page
+            least = min(self.panel, LEAST_PANEL)
+            self.on_a_page = widest >= least
+            if widest < self.panel:
+                self.panel = max(widest, least)
+                self._fold(self.panel)
         self.width = width or self.columns * self.panel + self._beside_panels()
 
     def _measure(self, guess: float) -> None:
