@@ -21,6 +21,7 @@ from thzcl.results.layout import bars, fold, lay_out, text_width, ticks
 from thzcl.scenario.scene import Output
 from thzcl.scenario.source import shipped
 from thzcl.sensor import Image
+from thzcl.studies.convergence import figure as convergence
 
 POINTS_PER_MM = 72 / 25.4
 PAGE_MM = 247  # height of the text on a page of A4
@@ -271,3 +272,31 @@ def test_colours_of_differences_are_lightest_at_zero():
     rises = np.diff(found)
     assert (rises[:31] > 0).all() and (rises[33:] < 0).all()
     assert abs(found[0] - found[-1]) < 10
+
+
+def test_labels_of_convergence_stand_apart_and_lines_join_fronts_only():
+    """Though a dozen settings have nearly the same time and error."""
+    rng = np.random.default_rng(3)
+    points = [
+        {"knob": f"knob {knob}", "setting": f"setting {knob}-{n}", "default": n == 0}
+        | {"seconds": 0.02 * (1 + 0.05 * rng.random()), "error_rms": 4e-7, "on_front": n != 1}
+        | {"error_max": 1e-6}
+        for knob in range(6)
+        for n in range(3)
+    ]
+    drawn = convergence.draw(
+        {"points": points, "scenario": "$a$", "device": "a device " * 20, "repeat": 5}
+    )
+    drawn.draw_without_rendering()
+    (axes,) = drawn.axes
+    boxes = [Text.get_window_extent(text) for text in axes.texts]
+    assert len(boxes) == 12
+    assert not any(one.overlaps(other) for one, other in itertools.combinations(boxes, 2))
+    ends = axes.get_window_extent()
+    assert all(ends.contains(*box.min) and ends.contains(*box.max) for box in boxes)
+    assert min(text.get_fontsize() for text in words_of(drawn)) >= SMALLEST
+    lines = [line for line in axes.lines if line.get_linestyle() == "-" and len(line.get_xdata())]
+    assert [len(line.get_xdata()) for line in lines] == [2] * 6
+    box = axes.title.get_window_extent()
+    assert box.x0 >= 0 and box.x1 <= drawn.bbox.width
+    convergence.draw({"points": [], "scenario": "none", "device": "", "repeat": 1})

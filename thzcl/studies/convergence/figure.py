@@ -13,12 +13,12 @@ from thzcl.results.layout import LABEL, TITLE, fold, text_width
 LOWEST = 1e-16  # errors of nothing are drawn here
 SIZE_INCHES = (180 / 25.4, 120 / 25.4)  # two columns of a journal
 POWERS = 9.0  # points; their exponents are 0.7 times as large
-AWAY = (5, 9, 14, 20, 28, 38, 50, 64)  # points from a mark at which its label is tried
+AWAY = (6, 9, 14, 20, 28, 38, 50, 64)  # points from a mark at which its label is tried
 SIDES = ((1, 0), (1, 1), (1, -1), (-1, 0), (-1, 1), (-1, -1), (0, 1), (0, -1))
 
 
 class Mark(NamedTuple):
-    """A setting in the picture: its name, place and colour."""
+    """A setting in the picture: its name, empty if it is not shown, place and colour."""
 
     setting: str
     x: float
@@ -44,12 +44,12 @@ def draw(record: dict[str, Any]) -> Any:
     FigureCanvasAgg(figure)
     ax = figure.subplots()
     knobs = list(dict.fromkeys(point["knob"] for point in record["points"]))
-    labelled: list[Mark] = []
+    marks: list[Mark] = []
     for number, knob in enumerate(knobs):
         points = sorted(
             (p for p in record["points"] if p["knob"] == knob), key=lambda p: p["seconds"]
         )
-        labelled += _draw(ax, knob, points, f"C{number % 10}", "os^vD<>pP*"[number % 10])
+        marks += _draw(ax, knob, points, f"C{number % 10}", "os^vD<>pP*"[number % 10])
     ax.plot([], [], "o", ms=11, mfc="none", mec="k", label="default setting")
     ax.plot([], [], "o-", ms=5, lw=0.8, color="gray", label="Pareto front of a knob")
     ax.plot([], [], "o", ms=5, mfc="none", mec="gray", label="off the front")
@@ -65,7 +65,7 @@ def draw(record: dict[str, Any]) -> Any:
     ax.grid(which="both", alpha=0.2)
     ax.legend(fontsize=LABEL, loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False)
     figure.draw_without_rendering()  # from here on, places in points are known
-    _label(figure, ax, labelled)
+    _label(figure, ax, marks)
     return figure
 
 
@@ -87,7 +87,7 @@ def _scale(ax: Any) -> None:
 def _draw(
     ax: Any, knob: str, points: list[dict[str, Any]], colour: str, mark: str
 ) -> Iterator[Mark]:
-    """Draws the settings of a knob, and yields those at its ends."""
+    """Draws the settings of a knob, and yields them; those at its ends are named."""
     places = [(point["seconds"], max(point["error_rms"], LOWEST)) for point in points]
     front = [place for place, point in zip(places, points, strict=True) if point["on_front"]]
     ax.plot(*zip(*front, strict=True), "-", color=colour, lw=0.8, alpha=0.6)
@@ -96,12 +96,13 @@ def _draw(
         if point["default"]:
             ax.plot([x], [y], "o", ms=11, mfc="none", mec="k", mew=0.8)
     ax.plot([], [], mark, color=colour, label=knob, ms=5)
-    for number in dict.fromkeys((0, len(points) - 1)):
-        yield Mark(points[number]["setting"], *places[number], colour)
+    for number, (x, y) in enumerate(places):
+        named = number in {0, len(points) - 1}
+        yield Mark(points[number]["setting"] if named else "", x, y, colour)
 
 
 def _label(figure: Any, ax: Any, marks: list[Mark]) -> None:
-    """Writes the names of marks beside them, apart from each other and within the axes.
+    """Writes the names of marks beside them, apart from all marks and names, within the axes.
 
     A name that finds no free place close by is joined to its mark by a line.
     """
@@ -112,6 +113,8 @@ def _label(figure: Any, ax: Any, marks: list[Mark]) -> None:
     size = 6 * pixels  # of a mark
     taken = [Bbox.from_bounds(x - size / 2, y - size / 2, size, size) for x, y in places]
     for mark, (x, y) in zip(marks, places, strict=True):
+        if not mark.setting:
+            continue
         wide, tall = text_width(mark.setting, LABEL) * pixels, 1.1 * LABEL * pixels
         for away, (right, up) in itertools.product(AWAY, SIDES):
             left = x + right * away * pixels - wide * (1 - right) / 2
