@@ -7,15 +7,20 @@ import io
 import json
 import os
 import pty
+import re
 import subprocess
 import sys
+from functools import partial
 
+import hygrometer
 import pytest
 from conftest import ROOT
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
+from scenes import scene, write
 
-from thzcl.commands import terminal
+from thzcl.air.composition import HOOK as CONSTITUENTS
+from thzcl.commands import app, tables, terminal
 from thzcl.commands.tables import (
     LONGEST_WORD,
     Column,
@@ -25,6 +30,8 @@ from thzcl.commands.tables import (
     from_records,
     show,
 )
+from thzcl.scenario.sensors import HOOK as SENSORS
+from thzcl.studies.stress import trial
 
 MIXED = Table(
     "[sensor] kinds",
@@ -74,6 +81,7 @@ def test_an_empty_table_is_not_shown(printed):
     assert printed(80, Table("nothing", (Column("a"),), ())) == ""
 
 
+@settings(deadline=None)
 @given(
     names=st.lists(st.lists(WORDS, min_size=1, max_size=4).map(" ".join), min_size=3, max_size=7),
     width=st.integers(60, 120),
@@ -113,26 +121,136 @@ def test_a_heading_is_folded_before_a_cell_is(printed):
     assert "a b c d e f" not in shown
 
 
-COMMANDS = (
-    ("scenarios",),
-    ("sensors",),
-    ("sensors", "passive-broadband"),
-    ("absorption", "--frequency-ghz", "340", "--relative-humidity-percent", "50"),
-    ("plan", "figure7"),
-    ("devices",),
-    ("doctor",),
-    ("run", "figure7", "--no-figure", "--set", "camera.pixels=[8,8]"),
-)
+TINY = ("--set", "camera.pixels=[8,8]", "--set", "atmosphere.fluctuations.grid=16")
+COMPARED = ("--set", 'atmosphere.compare=["r24"]')
+HAZE = ("--rain-mm-h", "5", "--fog-g-m3", "0.1", "--snow-mm-h", "1")
+COMMANDS = {
+    "run-several-frequencies": (
+        "run", "quick", "--no-figure", *TINY, *COMPARED, "--set", "sensor.frequency_ghz=[340,650]",
+    ),
+    "run-active": ("run", "figure9", "--no-figure", *TINY, *COMPARED),
+    "check": ("check", "figure6"),
+    "plan": ("plan", "figure7"),
+    "plan-sky-and-meshes": ("plan", "vehicle"),
+    "absorption": ("absorption", "--frequency-ghz", "340"),
+    "absorption-of-all": (
+        "absorption", "--frequency-ghz", "340,650", "--relative-humidity-percent", "50",
+        "--model", "mpm93", "--model", "r24", *HAZE,
+    ),
+    "absorption-validation": ("absorption", "--validation"),
+    "fluctuations": (
+        "fluctuations", "record.csv", "--height-m", "3", "--batch-minutes", "3",
+        "--second", "other.csv", "--separation-m", "1",
+    ),
+    "study": ("study", "quick", *TINY, "-o", "study", "--seeds", "2"),
+    "range": ("range", "range.toml", "--target", "box", "--ranges", "20,40", "--air", "10",
+              "--seed", "1", "--frequency-ghz", "340,650"),
+    "convergence": ("convergence", "quick", *TINY, "--knobs", "stride,march", "--repeat", "1"),
+    "stress": ("stress",),
+    "bench": ("bench", "quick", *TINY, "--repeat", "1"),
+    "sensors": ("sensors",),
+    **{name: ("sensors", name) for name in SENSORS.built_ins},
+    "constituents": ("constituents",),
+    **{name: ("constituents", name) for name in CONSTITUENTS.built_ins},
+    "materials": ("materials",),
+    **{name: ("materials", name) for name in ("water", "steel", "glass")},
+    "scenarios": ("scenarios",),
+    "devices": ("devices",),
+    "doctor": ("doctor",),
+}  # fmt: skip
+WITHOUT_TABLES = {"report", "new", "new-sensor", "new-constituent", "schema"}
 
 
-@pytest.mark.parametrize("arguments", COMMANDS, ids=lambda arguments: arguments[0])
-def test_commands_fit_eighty_columns_and_lose_no_letter(thzcl_command, arguments):
+@pytest.fixture
+def shown_by(tmp_path, monkeypatch, capsys):
+    """Runs a command once, and gives back a function of what it shows at a width.
+
+    Paths, which `wrote` tells and which are never folded, are left out.
+    """
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(trial, "examine", lambda cases, *_: [Outcome(one) for one in cases])
+    hygrometer.synthetic(tmp_path / "record.csv", 1, samples=12000)
+    hygrometer.synthetic(tmp_path / "other.csv", 2, samples=12000)
+    noisy = {"kind": "radiometer", "frequency_ghz": 340.0, "if_center_ghz": 6.0,
+             "if_bandwidth_ghz": 4.0, "receiver_temperature_k": 3000.0,
+             "integration_time_s": 1e-3}  # fmt: skip
+    data = scene(camera__pixels=[8, 8], atmosphere__fluctuations__grid=16, sensor=noisy)
+    write(tmp_path, data).rename(tmp_path / "range.toml")
+
+    def call(arguments):
+        told = []
+        with monkeypatch.context() as patch:
+            for module, name in ((tables, "show"), (terminal, "note"), (terminal, "page")):
+                patch.setattr(module, name, partial(_kept, told, getattr(module, name)))
+            assert app.call(arguments) == 0
+        assert told or arguments[0] == "check"
+
+        def at(columns):
+            monkeypatch.setenv("COLUMNS", str(columns))
+            capsys.readouterr()
+            for printer, of in told:
+                printer(*of)
+            return capsys.readouterr().out
+
+        return at
+
+    return call
+
+
+def _kept(told, printer, *of):
+    told.append((printer, of))
+
+
+class Outcome:
+    """Of a stress case that was not run."""
+
+    def __init__(self, case):
+        self.name = case.name
+
+    def record(self):
+        """What the command shows of it."""
+        numbers = {
+            "measured": 1.23456e-300,
+            "reference": 1.23456e-300,
+            "error": 1e-7,
+            "bound": 1e-6,
+        }
+        return {"name": self.name, **numbers, "passed": True}
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_what_a_command_shows_fits_every_width_and_loses_no_letter(shown_by, name):
     """Where a table is cut, its keys' letters come more often."""
-    narrow = thzcl_command(*arguments, env={"COLUMNS": "80"}).stdout
-    wide = thzcl_command(*arguments, env={"COLUMNS": "400"}).stdout
-    assert 60 < max(map(len, narrow.splitlines())) <= 80
-    for letter in set(wide) - set(" \n─.0123456789"):  # run times differ
-        assert narrow.count(letter) >= wide.count(letter), letter
+    shown = shown_by(COMMANDS[name])
+    wide = shown(2000)
+    for columns in (80, 100, 200):
+        lines = shown(columns).splitlines()
+        assert max(map(len, lines), default=0) <= columns
+        found = "".join(lines)
+        for letter in set(wide) - set(" \n─"):
+            assert found.count(letter) >= wide.count(letter), letter
+
+
+def test_every_command_that_shows_a_table_is_among_them():
+    assert {arguments[0] for arguments in COMMANDS.values()} | WITHOUT_TABLES == {*app.COMMANDS}
+
+
+def test_several_frequencies_have_a_row_each_and_two_ways_say_so(shown_by):
+    passive = shown_by(COMMANDS["run-several-frequencies"])(2000)
+    for ghz in ("340", "650"):
+        assert len(re.findall(rf"^ quick +{ghz}  box ", passive, re.MULTILINE)) == 3  # and 2 models
+    assert "path of light" not in passive
+    active = shown_by(COMMANDS["run-active"])(2000)
+    assert "contrast to air" not in active  # there is none
+    rows = [line for line in active.splitlines() if " subject " in line]
+    assert len(rows) == 8 * 3
+    assert all(line.rstrip().endswith("  out and back") for line in rows)
+
+
+def test_commands_obey_the_width_that_they_are_given(thzcl_command):
+    for columns in (80, 200):
+        lines = thzcl_command("scenarios", env={"COLUMNS": str(columns)}).stdout.splitlines()
+        assert max(map(len, lines)) == columns
 
 
 def test_in_a_pipe_nothing_is_folded(thzcl_command, monkeypatch):

@@ -168,7 +168,7 @@ def _batches(found: dict[str, Any]) -> Table:
             "structure_constant_q_uncertainty", "slope", "wind_speed_m_s", "mean_temperature_k",
             "gaps")  # fmt: skip
     rows = tuple(tuple(batch[key] for key in keys) for batch in found["batch_statistics"])
-    return Table("by batch", columns, rows)
+    return Table("by batch, C_q^2 in (g/m3)^2 m^-2/3", columns, rows)
 
 
 def _pairs(found: dict[str, Any]) -> Table:
@@ -177,9 +177,10 @@ def _pairs(found: dict[str, Any]) -> Table:
 
     columns = (
         Column("second sensor"), Column("away", "m", "g"), Column("wind"),
-        Column("covariance", "", ".3g"), Column("+-", "", ".2g"), Column("by Taylor", "", ".3g"),
-        Column("correlation", "", ".3f"), Column("D(r)", "", ".3g"), Column("+-", "", ".2g"),
-        Column("by Taylor", "", ".3g"), Column("C_q^2", "", ".3g"),
+        Column("covariance", "", ".3g"), Column("+-", "", ".2g"),
+        Column("covariance by Taylor", "", ".3g"), Column("correlation", "", ".3f"),
+        Column("D(r)", "", ".3g"), Column("+-", "", ".2g"), Column("D(r) by Taylor", "", ".3g"),
+        Column("C_q^2", "", ".3g"),
     )  # fmt: skip
     rows = tuple(
         (
@@ -191,7 +192,7 @@ def _pairs(found: dict[str, Any]) -> Table:
         )
         for pair in found["pairs"]
     )  # fmt: skip
-    return Table("two sensors, (g/m3)^2, noise taken off", columns, rows)
+    return Table("two sensors, (g/m3)^2, C_q^2 in (g/m3)^2 m^-2/3; noise taken off", columns, rows)
 
 
 def _record(found: dict[str, Any]) -> list[Row]:
