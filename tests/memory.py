@@ -82,7 +82,7 @@ SCENES: dict[str, tuple[str, ...]] = {
     "samples and optics": (
         "quick",
         pixels(500),
-        "sensor.optics={aperture_m=0.3}", "numerics.samples_per_pixel=4",
+        "sensor.optics={aperture_m=0.3}", "camera.samples_per_pixel=4",
     ),
     "bistatic": ("figure8", pixels(400)),
     "speckle": ("active-noise", pixels(300)),

@@ -9,6 +9,7 @@ from __future__ import annotations
 import errno
 import hashlib
 import io
+import json
 import os
 import re
 import shutil
@@ -21,7 +22,7 @@ from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from tempfile import NamedTemporaryFile, TemporaryFile, mkdtemp
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from thzcl.errors import FileError, advice
 
@@ -57,6 +58,7 @@ CUBE = Kind(8_000_000_000, "give a NetCDF-4 file with absolute_humidity(z, y, x)
 TABLE = Kind(64_000_000, "give comma-separated numbers")
 PROFILE = Kind(4_000_000, "give comma-separated columns with their names in the first line")
 MESH = Kind(512_000_000, "give a mesh: OBJ, STL, PLY, GLB, or NPZ with vertices and faces")
+RECORD = Kind(256_000_000, "give a file that thzcl has written", "check the name")
 GRID = Kind(512_000_000, "give a NetCDF-4 file with a variable over named axes")
 
 
@@ -107,6 +109,26 @@ def read_text(path: Path, kind: Kind) -> str:
         return io.TextIOWrapper(io.BytesIO(data), encoding="utf-8-sig").read()
     except UnicodeDecodeError as error:
         raise FileError(f"{path}: not UTF-8 text (byte {error.start}); save it as UTF-8") from None
+
+
+def read_json(path: Path, kind: Kind) -> Any:
+    """Returns what a JSON file holds. Raises FileError as read_text and parse_json do."""
+    return parse_json(read_text(path, kind), str(path), kind)
+
+
+def parse_json(text: str | bytes, place: str, kind: Kind) -> Any:
+    """Returns what a JSON text holds. Raises FileError, which names `place`, for any other text.
+
+    NaN and infinities are no JSON.
+    """
+    try:
+        return json.loads(text, parse_constant=_refuse_constant)
+    except (ValueError, RecursionError) as error:
+        raise FileError(f"{place}: is no JSON that can be read ({error}); {kind.give}") from None
+
+
+def _refuse_constant(name: str) -> None:
+    raise ValueError(f"{name} is no number")
 
 
 @contextmanager

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -122,7 +123,7 @@ def _parts(shard: str | None) -> tuple[int, int] | None:
     """Returns i and n of "i/n". Raises UsageError."""
     if shard is None:
         return None
-    part, slash, of = shard.partition("/")
-    if not (slash and part.isdecimal() and of.isdecimal()):
-        raise UsageError(f"--shard {shard}: write i/n with i from 1 to n, as in 1/8")
-    return int(part), int(of)
+    found = re.fullmatch(r"([0-9]{1,9})/([0-9]{1,9})", shard)
+    if found is None:
+        raise UsageError(f"--shard {shard:.40}: write i/n with i from 1 to n, as in 1/8")
+    return int(found[1]), int(found[2])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import csv
-import json
+import io
 import shlex
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from thzcl.errors import FileError
-from thzcl.files import RESULT, open_netcdf
+from thzcl.files import RECORD, RESULT, open_netcdf, parse_json, read_json, read_text
 from thzcl.results import page
 from thzcl.results.contents import readable
 from thzcl.results.page import Cell, Section, Series
@@ -35,6 +35,8 @@ BUDGET = (
     "How far each shortcut moved the image. The line model, where there is one, is half the spread "
     "of the targets' contrast over the models compared."
 )
+# What is raised where a file does not hold what thzcl writes.
+_BROKEN = ArithmeticError, AttributeError, LookupError, TypeError, ValueError
 MOST_ROWS = 2000  # of a study's table in a page
 
 
@@ -43,6 +45,19 @@ def report(source: Path) -> str:
 
     Raises FileError for anything else.
     """
+    try:
+        return _page(source)
+    except FileError:
+        raise
+    except (*_BROKEN, csv.Error) as error:
+        text = f"{type(error).__name__}: {error}"
+        raise FileError(
+            f"{source}: is not as thzcl has written it ({text}); make it again"
+        ) from error
+
+
+def _page(source: Path) -> str:
+    """Returns the page of a file or a folder; other errors than FileError are its content's."""
     if source.is_dir():
         if (source / DESCRIPTION).is_file() and (source / INDEX).is_file():
             return _of_study(source)
@@ -64,7 +79,7 @@ def _of_result(path: Path) -> str:
             raise FileError(f"{path}: is no result of thzcl; give one that thzcl run has written")
         pictures = list(_pictures(file))
     told: dict[str, Any] = {
-        name: json.loads(attrs[name]) if name in attrs else empty
+        name: parse_json(attrs[name], f"{path}: {name}", RESULT) if name in attrs else empty
         for name, empty in (
             ("summary", []), ("error_budget", {}), ("left_out", []), ("warnings", []),
             ("seconds", {}), ("versions", {}),
@@ -186,9 +201,8 @@ def _facts(variants: Sequence[Mapping[str, Any]]) -> dict[str, Any] | None:
 
 def _of_study(folder: Path) -> str:
     """Returns the page of a study's folder."""
-    about = json.loads((folder / DESCRIPTION).read_text(encoding="utf-8"))
-    with (folder / INDEX).open(encoding="utf-8", newline="") as file:
-        rows = list(csv.DictReader(file))
+    about = read_json(folder / DESCRIPTION, RECORD)
+    rows = list(csv.DictReader(io.StringIO(read_text(folder / INDEX, RECORD))))
     keys = [key for names, _ in about["over"] for key in names]
     states: dict[str, set[str]] = {}
     for row in rows:
@@ -294,11 +308,8 @@ def _heat(
 
 def _of_range(path: Path) -> str:
     """Returns the page of an answer about range."""
-    try:
-        told = json.loads(path.read_text(encoding="utf-8"))
-        curves, ranges, losses = (told[name] for name in ("curves", "ranges", "losses"))
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        raise FileError(f"{path}: is no answer of thzcl range ({error}); make it again") from None
+    told = read_json(path, RECORD)
+    curves, ranges, losses = (told[name] for name in ("curves", "ranges", "losses"))
     series = [
         Series(
             f"{one['frequency_ghz']:g} GHz, {one['model']}",

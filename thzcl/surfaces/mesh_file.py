@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import json
 import logging
 import re
 import warnings
@@ -18,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from thzcl.errors import FileError
-from thzcl.files import MESH, digest, read_bytes
+from thzcl.files import MESH, digest, parse_json, read_bytes
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -245,7 +244,7 @@ def _check_glb(path: Path, data: bytes) -> None:
     size = int.from_bytes(data[12:16], "little")
     if data[:4] != b"glTF" or data[16:20] != b"JSON" or size > len(data) - 20:
         raise FileError(f"{path}: no GLB file; export it as binary glTF 2.0")
-    told = json.loads(data[20 : 20 + size])
+    told = parse_json(data[20 : 20 + size], str(path), MESH)
     for one in told.get("accessors", ()):
         if not 0 <= int(one.get("count", 0)) <= len(data):
             raise FileError(f"{path}: cannot hold {one['count']} values: it is broken")

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import re
 import secrets
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
@@ -20,8 +21,8 @@ from numpy.typing import NDArray
 from thzcl import metrics
 from thzcl.air.spectrum import values as numbers
 from thzcl.clock import Progress
-from thzcl.errors import ScenarioError, UsageError
-from thzcl.files import make_folder, write_whole
+from thzcl.errors import FileError, ScenarioError, UsageError
+from thzcl.files import RECORD, make_folder, read_json, read_text, write_whole
 from thzcl.results.versions import versions
 from thzcl.scenario import document as documents
 from thzcl.scenario.text import dumps
@@ -34,6 +35,7 @@ if TYPE_CHECKING:
     from thzcl.device.opencl import Device
 
 Array = NDArray[np.float64]
+_SEED = re.compile(r"[0-9]{1,19}")
 DEFAULT_RANGES = "10:200:10"
 TOGETHER = 5  # ranges that are computed together, for which an air's cube is made once
 CLEAR_DRAWS = 16  # draws of the noise over which the signal in transparent air is averaged
@@ -235,7 +237,7 @@ def _seed(folder: str | Path | None, source: str | Path, seed: int | None) -> in
         return seed
     if folder is not None:
         path = Path(folder) / f"{Path(source).stem}-range" / "seed"
-        if path.is_file() and (text := path.read_text(encoding="utf-8").strip()).isdecimal():
+        if path.is_file() and _SEED.fullmatch(text := read_text(path, RECORD).strip()):
             return int(text)
     return secrets.randbits(32)
 
@@ -342,9 +344,12 @@ def _read(path: Path) -> list[Samples] | None:
     """Returns the samples of a range, or None if there is no such file."""
     if not path.is_file():
         return None
-    found = json.loads(path.read_text(encoding="utf-8"))
     arrays = ("null", "present")
-    return [Samples(**(one | {name: np.array(one[name]) for name in arrays})) for one in found]
+    try:
+        found = read_json(path, RECORD)
+        return [Samples(**(one | {name: np.array(one[name]) for name in arrays})) for one in found]
+    except (FileError, TypeError, KeyError):  # it is computed anew
+        return None
 
 
 def computed_together(

@@ -10,14 +10,17 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from thzcl.errors import UsageError
-from thzcl.files import make_folder, part_beside, write_whole
+from thzcl.errors import FileError, UsageError
+from thzcl.files import RECORD, make_folder, part_beside, read_json, write_whole
 from thzcl.results.rows import KEYS, METRICS
 from thzcl.studies.many.members import Study
 
 DESCRIPTION, INDEX, MEMBERS = "study.json", "index.csv", "members"
 DETECTION = "detection"
 STRENGTHS = ("d_prime", "d_prime_low", "d_prime_high", "area", "area_low", "area_high")
+# What files of the folder hold, with the types of it: all of them, and those of members.
+HELD: dict[str, Any] = {"state": str, "rows": list, "message": str}
+OF_MEMBER = HELD | {"member": int, "settings": dict, "seed": int | None, "seconds": float}
 OWN = ("seed", "state", "seconds")
 
 
@@ -38,9 +41,9 @@ class Store:
         if not path.exists():
             return None
         try:
-            found = json.loads(path.read_text(encoding="utf-8"))
-        except (OSError, ValueError) as error:
-            raise UsageError(f"{path}: cannot be read ({error}); choose another folder") from None
+            found = read_json(path, RECORD)
+        except FileError as error:
+            raise UsageError(f"{error}, or choose another folder") from None
         if not isinstance(found, dict) or not isinstance(found.get("seed"), int):
             raise UsageError(f"{path}: describes no study; choose another folder")
         return found
@@ -69,7 +72,7 @@ class Store:
 
     def state(self, name: str) -> str | None:
         """Returns the state of a member by the name of its file, or None if it has none."""
-        found = self._read(self.members / f"{name}.json")
+        found = self._read(self.members / f"{name}.json", OF_MEMBER)
         return None if found is None else str(found["state"])
 
     def write(self, name: str, found: dict[str, Any]) -> None:
@@ -81,7 +84,7 @@ class Store:
 
     def detected(self, name: str) -> dict[str, Any] | None:
         """Returns what a file of d' and area holds, or None if there is none."""
-        return self._read(self.folder / DETECTION / f"{name}.json")
+        return self._read(self.folder / DETECTION / f"{name}.json", HELD)
 
     def write_detection(self, name: str, found: dict[str, Any]) -> None:
         """Writes a file of d' and area, whole or not at all. Raises OSError."""
@@ -95,16 +98,20 @@ class Store:
     def records(self) -> Iterator[dict[str, Any]]:
         """Yields what the members' files hold, by number; a file that cannot be read is no file."""
         for path in sorted(self.members.glob("*.json"), key=_number):
-            found = self._read(path)
+            found = self._read(path, OF_MEMBER)
             if found is not None:
                 yield found
 
-    def _read(self, path: Path) -> dict[str, Any] | None:
+    def _read(self, path: Path, held: dict[str, Any]) -> dict[str, Any] | None:
+        """Returns what a file holds, or None for one that this program has not written so."""
         try:
-            found = json.loads(path.read_text(encoding="utf-8"))
-        except (OSError, ValueError):
+            found = read_json(path, RECORD)
+        except FileError:
             return None
-        return found if isinstance(found, dict) and "state" in found else None
+        sound = isinstance(found, dict) and all(
+            isinstance(found.get(name), kind) for name, kind in held.items()
+        )
+        return found if sound and all(isinstance(row, dict) for row in found["rows"]) else None
 
     def write_index(self, keys: tuple[str, ...], detections: Sequence[str] = ()) -> dict[str, int]:
         """Writes the table of all members, made from their files; returns how many are in a state.
