@@ -10,7 +10,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from scenes import MOIST, scene, write
+from scenes import ACTIVE, MOIST, scene, write
 
 from thzcl.device.choose import open_device
 from thzcl.errors import ScenarioError
@@ -236,6 +236,21 @@ def test_layers_and_directions_of_scattered_light(tmp_path):
     (tmp_path / "none").mkdir()
     none = studied(tmp_path / "none", scene(atmosphere=MOIST), knobs)
     assert {one["reason"] for one in none["left_out"]} == {"no light is scattered into rays"}
+
+
+def test_sizes_of_drops(tmp_path):
+    """Sums over sizes err the less the more there are, in what is seen and in echoes."""
+    rain = MOIST | {"rain": {"rate_mm_h": 10.0}}
+    for name, sensor in (("seen", {"sensor__frequency_ghz": 94.0}), ("echoes", {"sensor": ACTIVE})):
+        (tmp_path / name).mkdir()
+        found = by_setting(
+            studied(tmp_path / name, scene(atmosphere=rain, **sensor), ["size-nodes"]), "size-nodes"
+        )
+        assert found["12 sizes"] > 30 * found["50 sizes"] > 1e-9
+        assert found["200 sizes"] < 1e-5
+    (tmp_path / "none").mkdir()
+    none = studied(tmp_path / "none", scene(atmosphere=MOIST), ["size-nodes"])
+    assert {one["reason"] for one in none["left_out"]} == {"nothing falls through the air"}
 
 
 def test_libraries_differ_by_rounding_alone(tmp_path):

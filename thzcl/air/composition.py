@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cache, lru_cache
 from pathlib import Path
 from typing import Any
@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from thzcl import files
-from thzcl.air import answers, grid, validity
+from thzcl.air import answers, grid, particles, validity
 from thzcl.air.validity import Ranges
 from thzcl.constituent import (
     CONTRACT,
@@ -47,10 +47,14 @@ HOOK = Hook(
 
 @dataclass(frozen=True)
 class Part:
-    """One constituent of an air by name and parameters; its object is made where it works."""
+    """One constituent of an air by name and parameters; its object is made where it works.
+
+    What is spheres is summed over so many `sizes` of them.
+    """
 
     name: str
     params: Parameters
+    sizes: int = field(default_factory=particles.usual_count)
 
     def files(self) -> dict[str, tuple[File, Grid]]:
         """Returns the files among the parameters by key, and what each of them is to hold."""
@@ -100,7 +104,7 @@ def part(name: str, table: Mapping[str, Any] | None = None) -> Part:
 
     Raises PluginError, or PluginFailure where its parameters cannot be made or compared.
     """
-    return _part(name, table) if table else _plain(name)
+    return _part(name, table) if table else _plain(name, particles.usual_count())
 
 
 def _part(name: str, table: Mapping[str, Any]) -> Part:
@@ -115,9 +119,9 @@ def _part(name: str, table: Mapping[str, Any]) -> Part:
 
 
 @cache
-def _plain(name: str) -> Part:
+def _plain(name: str, sizes: int) -> Part:
     """Returns a constituent without parameters, as most gases are."""
-    return _part(name, {})
+    return replace(_part(name, {}), sizes=sizes)
 
 
 def located(one: Part, locate: Callable[[str], Path]) -> Part:
@@ -145,7 +149,8 @@ def made(one: Part) -> _Made:
     params = one.with_files(grid.read).params
 
     def working() -> _Made:
-        constituent = kind(params)
+        with particles.sizes_of(one.sizes):
+            constituent = kind(params)
         varies, valid = answers.claims(constituent)
         limited = frozenset(span.quantity for span in valid)
         return _Made(constituent, owner, varies, valid, limited)
@@ -226,7 +231,7 @@ def alternatives(one: Part) -> list[Part]:
     def offered() -> list[Parameters]:
         return answers.others(at_work.constituent.alternatives(), kind)
 
-    return [Part(one.name, params) for params in guard.call(at_work.owner, offered)]
+    return [replace(one, params=params) for params in guard.call(at_work.owner, offered)]
 
 
 @lru_cache(maxsize=64)  # variants often have their air in common

@@ -7,7 +7,9 @@ they are made again.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
 from functools import lru_cache
 from typing import Any, NamedTuple
 
@@ -30,6 +32,7 @@ NODES = 9  # of a narrow band
 NODES_PER_OCTAVE = 12  # more of a wide one
 NODES_OF_TEMPERATURE = 33  # between freezing drops and hot ones water changes a lot
 LEAST = 1e-300  # 1/m: a coefficient of 0 has a logarithm too
+_count: ContextVar[int] = ContextVar("sizes", default=SIZES)
 
 
 class Sizes(NamedTuple):
@@ -56,13 +59,30 @@ class Bulk(NamedTuple):
     legendre: Array
 
 
+@contextmanager
+def sizes_of(count: int) -> Iterator[None]:
+    """Lets airs that are described within have `count` sizes, as studies of convergence do."""
+    token = _count.set(count)
+    try:
+        yield
+    finally:
+        _count.reset(token)
+
+
+def usual_count() -> int:
+    """Returns how many sizes sums are over."""
+    return _count.get()
+
+
 def spread_sizes(
-    density: Callable[[Array], Array], least_mm: float, most_mm: float, count: int = SIZES
+    density: Callable[[Array], Array], least_mm: float, most_mm: float, count: int | None = None
 ) -> Sizes:
     """Returns sizes in equal steps of the logarithm, by the trapezoidal rule.
 
-    `density` is the number of spheres per m3 and mm of diameter.
+    `density` is the number of spheres per m3 and mm of diameter. Without a `count` there are SIZES
+    of them.
     """
+    count = usual_count() if count is None else count
     diameter = np.geomspace(least_mm, most_mm, count)
     step = np.full(count, np.log(most_mm / least_mm) / (count - 1))
     step[[0, -1]] /= 2

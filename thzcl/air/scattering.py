@@ -162,21 +162,25 @@ def _steps(layers: Layers, mu: Array) -> _Steps:
     return _Steps(passed, 1 - mean, mean - passed)
 
 
-def _scattered_in(found: Scattered, polynomials: Array) -> Array:
+def _scattered_in(found: Scattered, polynomials: Array, some: NDArray[np.intp]) -> Array:
     """Returns the mean radiance over the cut phase function, (frequency, layer, end, direction).
 
-    `polynomials` (order, direction) are those of the directions into which light is scattered.
+    `polynomials` (order, direction) are those of the directions into which light is scattered, and
+    `some` (layer,) the layers.
     """
     order = np.arange(len(found.moments)).reshape(-1, 1, 1, 1)
-    ends = np.stack([found.moments[:, :, :-1], found.moments[:, :, 1:]], axis=-1)
-    weighted = (2 * order + 1) * found.layers.legendre[..., None] * ends
+    ends = np.stack([found.moments[:, :, some], found.moments[:, :, some + 1]], axis=-1)
+    weighted = (2 * order + 1) * found.layers.legendre[:, :, some, None] * ends
     return np.tensordot(weighted, polynomials, axes=(0, 0))
 
 
 def _sources(found: Scattered, polynomials: Array) -> Array:
     """Returns what is added to light along a unit of depth, (frequency, layer, end, direction)."""
-    scattered = found.layers.albedo[..., None, None] * _scattered_in(found, polynomials)
-    return found.layers.emission[..., None] + scattered
+    sources = np.repeat(found.layers.emission[..., None], polynomials.shape[1], axis=-1)
+    some = np.flatnonzero(found.layers.albedo.any(axis=0))
+    albedo = found.layers.albedo[:, some, None, None]
+    sources[:, some] += albedo * _scattered_in(found, polynomials, some)
+    return sources
 
 
 def _both_ways(
@@ -219,17 +223,25 @@ def intensity(found: Scattered, mu: Array) -> Array:
     It is the formal solution along each direction: between Gauss' directions it would be less
     exact to interpolate. Light of mu = 0 is what a level ray sees.
     """
+    along = _off_level(mu)
+    return _intensity(found, along, _sources(found, mie.legendre(along, len(found.moments))))
+
+
+def _off_level(mu: Array) -> Array:
+    """Returns cosines that are not 0, with their own sign."""
     mu = np.asarray(mu, dtype=np.float64)
-    along = np.where(np.abs(mu) < LEVEL, np.where(mu < 0, -LEVEL, LEVEL), mu)
+    return np.where(np.abs(mu) < LEVEL, np.where(mu < 0, -LEVEL, LEVEL), mu)
+
+
+def _intensity(found: Scattered, along: Array, sources: Array) -> Array:
+    """Returns the light in some directions at each level, with the sources in these directions."""
     light = np.empty((*found.moments.shape[1:], len(along)))
-    for rising in (False, True):
-        chosen = (along > 0) == rising
-        sources = _sources(found, mie.legendre(along[chosen], len(found.moments)))
-        steps = _steps(found.layers, np.abs(along[chosen]))
-        if rising:
-            light[..., chosen] = _up(found, steps, sources, _falling(found))
-        else:
-            light[..., chosen] = _down(found, steps, sources)
+    up = along > 0
+    if up.any():
+        steps = _steps(found.layers, along[up])
+        light[..., up] = _up(found, steps, sources[..., up], _falling(found))
+    if not up.all():
+        light[..., ~up] = _down(found, _steps(found.layers, -along[~up]), sources[..., ~up])
     return light
 
 
@@ -240,15 +252,15 @@ def within(found: Scattered, mu: Array, layer: NDArray[np.intp], part: Array) ->
     each direction goes on from the level at which it enters the layer.
     """
     directions, back = np.unique(mu, return_inverse=True)
-    along = np.where(np.abs(directions) < LEVEL, LEVEL, np.abs(directions))
-    light = intensity(found, directions)
-    sources = _sources(found, mie.legendre(directions, len(found.moments)))
-    up = directions[back] >= 0
+    along = _off_level(directions)
+    sources = _sources(found, mie.legendre(along, len(found.moments)))
+    light = _intensity(found, along, sources)
+    up = along[back] > 0
     entry, crossed = np.where(up, layer + 1, layer), np.where(up, 1 - part, part)
     near = sources[:, layer, np.where(up, 1, 0), back]  # at the level where light enters
     far = sources[:, layer, np.where(up, 0, 1), back]
     here = near + crossed * (far - near)
-    slant = found.layers.depth[:, layer] * crossed / along[back]
+    slant = found.layers.depth[:, layer] * crossed / np.abs(along[back])
     mean, passed = mean_transmission(slant), np.exp(-slant)
     entering = light[:, entry, back]
     return np.asarray(entering * passed + here * (1 - mean) + near * (mean - passed))
@@ -270,7 +282,9 @@ def scattered_in(found: Scattered, mu: Array) -> Array:
     """
     light = intensity(found, mu)
     ends = np.stack([light[:, :-1], light[:, 1:]], axis=2)
-    apart = _scattered_in(found, mie.legendre(np.asarray(mu, np.float64), len(found.moments)))
+    every = np.arange(found.peak.shape[1])
+    polynomials = mie.legendre(np.asarray(mu, np.float64), len(found.moments))
+    apart = _scattered_in(found, polynomials, every)
     peak = found.peak[..., None, None]
     return peak * ends + (1 - peak) * apart
 

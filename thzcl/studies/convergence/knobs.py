@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 from functools import cache, partial
 from typing import Any
 
+from thzcl.air import particles
 from thzcl.air.expansion import ExpansionSpec
 from thzcl.air.scattering import DIRECTIONS
 from thzcl.air.sky import FINEST_M, POINTS
@@ -369,6 +370,27 @@ def scattering_directions(subject: Subject) -> Knob:
     return _weather_knob(subject, "scattering-directions", settings, directed(DIRECTIONS))
 
 
+def size_nodes(subject: Subject) -> Knob:
+    """Returns the knob of the sizes of drops and flakes that are summed over.
+
+    Sums are kept on disk, so that only the first run of a weather takes time for them.
+    """
+    if not any(one.falling for one in subject.plan.variants):
+        raise MeaninglessError("nothing falls through the air")
+
+    def contrasts(count: int, clock: Clock) -> Contrasts:
+        with clock.stage("plan"), particles.sizes_of(count):
+            plan = subject.plan_with({})
+        return subject.contrasts(plan, clock)
+
+    settings = [
+        Setting(f"{count} sizes", count == particles.SIZES, partial(contrasts, count))
+        for count in (12, 25, 50, 100, particles.SIZES, 2 * particles.SIZES)
+    ]
+    exact = cache(lambda: contrasts(8 * particles.SIZES, Clock()))
+    return Knob("size-nodes", (*FITS, "scattering"), tuple(settings), exact)
+
+
 def _weather_knob(subject: Subject, name: str, settings: list[Setting], finest: Change) -> Knob:
     """Returns a knob of scattered light, exact as with the `finest` setting."""
     specs = everything(pixels(subject.plan))
@@ -431,6 +453,7 @@ KNOBS: dict[str, Callable[[Subject], Knob]] = {
     "sky-look-up": sky_look_up,
     "scattering-layers": scattering_layers,
     "scattering-directions": scattering_directions,
+    "size-nodes": size_nodes,
     "bounces": bounces,
     "mirror-look-up": mirror_look_up,
 }
