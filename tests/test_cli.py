@@ -299,6 +299,8 @@ def test_absorption_in_every_form(thzcl_command, thzcl_json, tmp_path):
     done = thzcl_command("absorption", *arguments, "--figure", "a.png")
     assert "total_db_km" in done.stdout
     assert (tmp_path / "a.png").read_bytes().startswith(b"\x89PNG")
+    thzcl_command("absorption", *arguments, "--figure", "a.pdf")
+    assert (tmp_path / "a.pdf").read_bytes().startswith(b"%PDF")
     dry = thzcl_json("absorption", "--frequency-ghz", "600")["records"][0]
     assert (dry["temperature_k"], dry["pressure_hpa"], dry["vapour_pressure_hpa"]) == (
         288.15,
@@ -317,8 +319,8 @@ WRONG = {
     ),
     "frequency out of range": (("absorption", "--frequency-ghz", "2000"), "up to 1780 GHz"),
     "picture of another kind": (
-        ("absorption", "--frequency-ghz", "600", "--figure", "a.pdf"),
-        "let its name end in .png",
+        ("absorption", "--frequency-ghz", "600", "--figure", "a.jpg"),
+        "written as .png, .pdf or .svg",
     ),
     "frequency no number": (("absorption", "--frequency-ghz", "x"), "not a number"),
     "two humidities": (

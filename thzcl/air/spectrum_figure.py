@@ -21,8 +21,8 @@ DOTS = (
 Curve = tuple[str, Any, str, list[Record]]  # label, colour, style, records
 
 
-def draw(rows: list[Record], path: Path) -> None:
-    """Writes a PNG of the attenuation, whose abscissa is what has more values of two quantities.
+def draw(rows: list[Record], path: Path, form: str = "png") -> None:
+    """Writes a picture of the attenuation; the abscissa has more values of two quantities.
 
     They are frequency and temperature. What falls is dotted, each kind in dots of its own, with the
     range of what might be meant as well. Where rows have a `model`, curves are by model, what falls
@@ -45,11 +45,11 @@ def draw(rows: list[Record], path: Path) -> None:
     (first, *_), *others = _curves(rows, each)
     title = f"{first}, {pressure}" if compared and not others else pressure
     figure.axes[0].set_title(title, fontsize=10)
-    figure.savefig(path, dpi=150, format="png")
+    figure.savefig(path, dpi=150, format=form)
 
 
-def climates(panels: Sequence[tuple[str, list[Record]]], path: Path) -> None:
-    """Writes a PNG of all models in several climates, their ratio to the first below each."""
+def climates(panels: Sequence[tuple[str, list[Record]]], path: Path, form: str) -> None:
+    """Writes a picture of all models in several climates, their ratio to the first below each."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -66,7 +66,7 @@ def climates(panels: Sequence[tuple[str, list[Record]]], path: Path) -> None:
         if line < lines - 1:
             below.set_xlabel("")
     axes[0, 0].legend(fontsize=8)
-    figure.savefig(path, dpi=150, format="png")
+    figure.savefig(path, dpi=150, format=form)
 
 
 def models(above: Any, below: Any, rows: list[Record]) -> None:

@@ -70,7 +70,8 @@ def absorption(
     ] = None,
     how: HowTable = TableFormat.table,
     figure: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="write a picture (PNG) as well")
+        Path | None,
+        typer.Option(metavar="FILE", help="write a picture as well: .png, .pdf or .svg"),
     ] = None,
 ) -> None:
     """Print what moist air absorbs, by one model or several, and what rain, fog and snow add."""
@@ -81,8 +82,10 @@ def absorption(
         "absolute_humidity_g_m3": absolute_humidity_g_m3,
         "vapour_pressure_hpa": vapour_pressure_hpa,
     }
-    if figure is not None and figure.suffix.lower() != ".png":
-        raise UsageError(f"--figure {figure}: the picture is a PNG; let its name end in .png")
+    if figure is not None:
+        from thzcl.results.figure import picture_format
+
+        picture_format(figure)  # before anything is computed
     amounts = dict(zip(WEATHER, (rain_mm_h, fog_g_m3, fog_visibility_m, snow_mm_h), strict=True))
     if validation:
         others = (frequency_ghz, model, drop_sizes, *humidities.values(), *amounts.values())
@@ -168,9 +171,11 @@ def _show(rows: list[Record], how: TableFormat, figure: Path | None) -> None:
     from thzcl.air import spectrum_figure
     from thzcl.commands.tables import as_csv, as_records, from_records, show, show_json
     from thzcl.files import write_whole
+    from thzcl.results.figure import picture_format
 
     if figure is not None:
-        write_whole(figure, lambda part: spectrum_figure.draw(rows, part))
+        form = picture_format(figure)
+        write_whole(figure, lambda part: spectrum_figure.draw(rows, part, form))
     table = from_records(rows, form=".6g", keys=3 if "model" in rows[0] else 2)
     if how is TableFormat.json:
         show_json({"records": as_records(table)})
@@ -185,10 +190,12 @@ def _validation(how: TableFormat, figure: Path | None) -> None:
     from thzcl.air import spectrum_figure, validation
     from thzcl.commands.tables import Column, Table, as_csv, from_records, show, show_json
     from thzcl.files import write_whole
+    from thzcl.results.figure import picture_format
 
     if figure is not None:
         panels = list(validation.spectra().items())
-        write_whole(figure, lambda part: spectrum_figure.climates(panels, part))
+        form = picture_format(figure)
+        write_whole(figure, lambda part: spectrum_figure.climates(panels, part, form))
     windows, continua = validation.windows(), validation.continua()
     table = from_records(windows, form=".4g", keys=2)
     if how is TableFormat.csv:

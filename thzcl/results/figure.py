@@ -193,7 +193,7 @@ def _panels(result: Contents) -> tuple[list[Panel], int, list[str]]:
     """
     each = zip(result.variants, result.conditions, result.pixel_angles_mrad, strict=True)
     shown = [
-        (variant, variant.image, words, _extent(*angles))
+        (variant, variant.image, words, outer_edges(*angles))
         for variant, words, angles in each
         if variant.image
     ]
@@ -289,7 +289,7 @@ def _draw_panel(
     return shown
 
 
-def _extent(columns: Array, rows: Array) -> Extent:
+def outer_edges(columns: Array, rows: Array) -> Extent:
     """Returns the outer edges of the pixels whose middles lie at given angles, mrad."""
     half_x, half_y = _half_step(columns), _half_step(rows)
     return (columns[0] - half_x, columns[-1] + half_x, rows[-1] - half_y, rows[0] + half_y)

@@ -127,6 +127,8 @@ def _pictures(file: Any) -> Iterator[page.Picture]:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
+    from thzcl.results.figure import outer_edges
+
     name = "image_mean" if "image_mean" in file else "image"
     if name not in file:
         return
@@ -146,10 +148,10 @@ def _pictures(file: Any) -> Iterator[page.Picture]:
         high = high if high > low else low + 1.0
         shown = ax.imshow(
             values, cmap="gray", interpolation="nearest", vmin=low, vmax=high,
-            extent=(columns[0], columns[-1], rows[-1], rows[0]),
+            extent=outer_edges(columns, rows),
         )  # fmt: skip
-        ax.set_xlabel("mrad")
-        ax.set_ylabel("mrad")
+        ax.set_xlabel("x angle / mrad")
+        ax.set_ylabel("y angle / mrad")
         bar = figure.colorbar(shown, ax=ax)
         bar.set_label(quantity if unit == "1" else f"{quantity} / {unit}", parse_math=False)
         yield page.png(figure, f"{variant}: {quantity}")
