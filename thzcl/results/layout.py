@@ -173,7 +173,7 @@ class _Grid:
             folded = fold([*first.label, own.scale] if own.scale else first.label, tall, LABEL)
             self.bar_ticks.append(own)
             self.bar_labels.append(folded)
-            wide = BAR + 3 * TICK + own.width + _height(folded, LABEL)
+            wide = BAR + 4 * TICK + own.width + _height(folded, LABEL)
             self.after[bar.column] = max(self.after[bar.column], wide + TICK)
 
     def _fold(self, panel: float) -> None:
@@ -242,7 +242,7 @@ class _Grid:
             first, last = bar.rows
             left = lefts[bar.column] + self.panel + 2 * TICK
             box = Box(left, bottoms[last], BAR, bottoms[first] + high - bottoms[last])
-            label_x = left + BAR + 3 * TICK + own.width
+            label_x = left + BAR + 4 * TICK + own.width
             drawn.append(PlacedBar(box, bar.panels[0], own, label, label_x))
         right = lefts[-1] + self.panel
         middle = (lefts[0] + right) / 2, (bottoms[0] + high + bottoms[-1]) / 2
