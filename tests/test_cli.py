@@ -313,6 +313,15 @@ def test_absorption_in_every_form(thzcl_command, thzcl_json, tmp_path):
 WRONG = {
     "no such scene": (("run", "figur6"), "did you mean figure6"),
     "--set without value": (("run", "quick", "--set", "camera.pixels"), "write table.key=value"),
+    "--set of a list whose quotes the shell took": (
+        ("plan", "quick", "--set", "atmosphere.compare=[r24]"),
+        "a shell takes double quotes away",
+    ),
+    "--set in other letters": (("plan", "quick", "--set", "camera.\udce9=1"), "is not UTF-8"),
+    "--variant of none": (
+        ("plan", "quick", "--variant", "a"),
+        "no such variant (the scene has none; leave it out)",
+    ),
     "--set of nothing known": (
         ("plan", "quick", "--set", "camera.pixel=[1,1]"),
         "did you mean pixels",

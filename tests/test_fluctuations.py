@@ -6,6 +6,7 @@ And against records of known structure constant.
 from __future__ import annotations
 
 import math
+import os
 import zipfile
 
 import hygrometer
@@ -15,6 +16,7 @@ import scipy.optimize
 import scipy.signal
 from hygrometer import RECORD, synthetic
 
+from thzcl.__main__ import main
 from thzcl.errors import RecordError
 from thzcl.records import analysis, record
 from thzcl.records.study import study
@@ -347,3 +349,12 @@ def test_a_speed_and_flags_for_what_is_missing(tmp_path):
     assert found["structure_constant_q"] == pytest.approx(0.2, rel=0.2)
     assert any("speed without direction" in note for note in found["notes"])
     assert "column wind_speed names no unit: taken as m/s" in found["notes"]
+
+
+def test_a_record_whose_name_is_not_utf8_is_drawn_and_written(tmp_path):
+    name = os.fsdecode(b"b\xe9$x$.csv")
+    synthetic(tmp_path / name, 1, samples=6000)
+    call = ["fluctuations", str(tmp_path / name), "--height-m", "3", "-o", str(tmp_path / "out")]
+    assert main([*call, "--scene", str(tmp_path / "air.toml")]) == 0
+    assert "Record b\ufffd$x$.csv" in (tmp_path / "air.toml").read_text(encoding="utf-8")
+    assert list((tmp_path / "out").glob("*.png"))

@@ -42,6 +42,11 @@ _NOT_REGULAR = (
 )
 
 
+def readable(name: str) -> str:
+    """Returns a file's name as valid UTF-8, in whatever way the locale decoded its bytes."""
+    return name.encode("utf-8", "surrogateescape").decode("utf-8", "replace")
+
+
 @dataclass(frozen=True)
 class Kind:
     """A kind of file from outside: its largest size in bytes, and the advice of messages."""

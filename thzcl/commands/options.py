@@ -83,9 +83,12 @@ HowRecord = Annotated[RecordFormat, typer.Option("--format", help="how to print"
 def changes(settings: list[str] | None) -> dict[str, Any]:
     """Returns `--set` options as dotted keys and TOML values; what is not TOML is text.
 
-    Raises UsageError for an option without a key or a value, and for a list or table that is none.
+    Raises UsageError for an option without a key or a value, for a list or table that is none, and
+    for what is not UTF-8.
     """
     import tomli
+
+    from thzcl.files import readable
 
     found: dict[str, Any] = {}
     for item in settings or []:
@@ -94,6 +97,8 @@ def changes(settings: list[str] | None) -> dict[str, Any]:
             raise UsageError(
                 f"--set {item}: write table.key=value, as in --set targets.box.temperature_k=290"
             )
+        if readable(item) != item:
+            raise UsageError(f"--set {item}: is not UTF-8; write it in letters that are")
         try:
             found[name.strip()] = tomli.loads(f"value = {text}")["value"]
         except (ValueError, RecursionError):  # no TOML, too many digits, or too deep

@@ -13,8 +13,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from thzcl.files import write_whole
+from thzcl.files import readable, write_whole
 from thzcl.records.analysis import Analysis
+from thzcl.records.record import Record
 
 Array = NDArray[np.float64]
 
@@ -91,9 +92,15 @@ def _against_time(analysis: Analysis, figure: Any) -> None:
     bottom.set_xlabel("time / s")
     percent = 100 * np.nanstd(record.humidity) / np.nanmean(record.humidity)
     top.set_title(
-        f"{Path(record.files[0]).name}: {record.rate_hz:g} Hz, sigma {percent:.3g} % of the mean",
+        f"{_named(record)}: {record.rate_hz:g} Hz, sigma {percent:.3g} % of the mean",
         fontsize=10,
+        parse_math=False,
     )
+
+
+def _named(record: Record) -> str:
+    """Returns the name of a record's first file, for a picture."""
+    return readable(Path(record.files[0]).name)
 
 
 def _against_wind_run(analysis: Analysis, figure: Any) -> None:
@@ -168,7 +175,7 @@ def _inertial(analysis: Analysis, ax: Any, fitted: Array) -> None:
 
 def _pairs(pairs: Pairs, taylor: Mapping[str, Any], analysis: Analysis, figure: Any) -> None:
     """Draws covariance and structure function of sensors apart, beside Taylor's curve."""
-    first = Path(analysis.record.files[0]).name
+    first = _named(analysis.record)
     for ax, key, name in zip(
         figure.subplots(1, 2),
         ("covariance_g2_m6", "structure_function_g2_m6"),

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from thzcl.errors import RecordError
-from thzcl.files import write_whole
+from thzcl.files import readable, write_whole
 from thzcl.records.analysis import Analysis
 from thzcl.records.record import Record
 from thzcl.scenario.source import SHIPPED
@@ -87,7 +87,7 @@ def _warmed(text: str, by_k: float) -> str:
 def _provenance(analysis: Analysis) -> Iterator[str]:
     """Yields comments that say where the air comes from, and its statistics."""
     record, found = analysis.record, analysis.as_json()
-    names = ", ".join(Path(name).name for name in record.files)
+    names = ", ".join(readable(Path(name).name) for name in record.files)
     command = f"thzcl fluctuations {names.replace(',', '')} --scene"
     yield f"# A warm box 30 m away, in air as measured: written by `{command}`."
     begin = (

@@ -121,11 +121,6 @@ class Contents:
         return difference
 
 
-def readable(name: str) -> str:
-    """Returns a file's name as valid UTF-8, in whatever way the locale decoded its bytes."""
-    return name.encode("utf-8", "surrogateescape").decode("utf-8", "replace")
-
-
 def at_frequency(sight: Radiances | Echoes, number: int) -> Radiances | Echoes:
     """Returns what reached the pixels at one of several frequencies or bands."""
     if len(sight.frequency_hz) == 1:

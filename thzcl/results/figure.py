@@ -11,8 +11,9 @@ from typing import Any, BinaryIO, NamedTuple
 import numpy as np
 
 from thzcl.errors import FileError, UsageError
+from thzcl.files import readable
 from thzcl.results import spread
-from thzcl.results.contents import Array, Contents, VariantResult, readable
+from thzcl.results.contents import Array, Contents, VariantResult
 from thzcl.results.layout import (
     HEADING,
     LABEL,

@@ -12,7 +12,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from thzcl.results.contents import Array, Contents, Cube, readable
+from thzcl.files import readable
+from thzcl.results.contents import Array, Contents, Cube
 from thzcl.results.patient import Patient
 from thzcl.results.spread import signal
 from thzcl.results.summary import of_variant

@@ -12,9 +12,8 @@ from typing import Any
 import numpy as np
 
 from thzcl.errors import FileError
-from thzcl.files import RECORD, RESULT, open_netcdf, parse_json, read_json, read_text
+from thzcl.files import RECORD, RESULT, open_netcdf, parse_json, read_json, read_text, readable
 from thzcl.results import page
-from thzcl.results.contents import readable
 from thzcl.results.page import Cell, Section, Series
 from thzcl.results.summary import by_frequency, by_model, two_ways
 

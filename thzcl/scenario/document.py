@@ -246,7 +246,8 @@ def parse(
     known = [entry.name for entry in entries]
     names = names or [name for name in document.made if name in known]
     unknown = [
-        f"--variant {name}: no such variant ({suggest(name, known)})"
+        f"--variant {name}: no such variant "
+        f"({suggest(name, known) if known else 'the scene has none; leave it out'})"
         for name in names
         if name not in known
     ]

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from thzcl.results.contents import readable
+from thzcl.files import readable
 from thzcl.results.layout import LABEL, TITLE, fold, text_width
 
 LOWEST = 1e-16  # errors of nothing are drawn here

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from thzcl.results.contents import readable
+from thzcl.files import readable
 from thzcl.studies.detection.ranges import RangeResult
 
 SIZE_INCHES = (7.0, 4.4)
