@@ -309,7 +309,10 @@ class Active(Sensor):
         layers = {
             "received_power": Layer(power, "W", "received power"),
             "below_floor": Layer(
-                below.astype(np.int8), "1", "whether the power is below the floor"
+                below.astype(np.int8),
+                "1",
+                "whether the power is below the floor",
+                flags=("above", "below"),
             ),
         }
         return Image(

@@ -234,6 +234,7 @@ class PassiveBroadband(Sensor):
             noise=p.noisy,
             integration_time_s=self._time_s(view) if p.noisy else None,
             passband=(width_hz, response / band.peak),
+            bounds_hz=[[band.low_hz, band.high_hz]],
             notes=self._notes(view, (band.low_hz + band.high_hz) / 2),
             finer=(finer.frequency_hz, finer.weights * self._mode(finer.frequency_hz)),
             errors={"band-quadrature": (error, "of what the shortest path lets through")},

@@ -117,19 +117,28 @@ class Radiometer(Sensor):
             weights=resolved.weights * _mode(resolved.frequency_hz),
             optics=p.optics,
             noise=True,
+            bounds_hz=[self._bounds_hz()],
             finer=(finer.frequency_hz, finer.weights * _mode(finer.frequency_hz)),
             errors={"band-quadrature": (resolved.error, "of what the shortest path lets through")},
             integration_time_s=time_s,
         )
 
+    def _centers_ghz(self) -> list[float]:
+        """Returns the middles of the sidebands, GHz."""
+        p, sides = self.params, (-1, 1) if self.params.sideband == "double" else (1,)
+        return [p.frequency_ghz + side * p.if_center_ghz for side in sides]
+
+    def _bounds_hz(self) -> tuple[float, float]:
+        """Returns the lowest and the highest frequency that is received, Hz."""
+        half, centers = self.params.if_bandwidth_ghz / 2, self._centers_ghz()
+        return (centers[0] - half) * 1e9, (centers[-1] + half) * 1e9
+
     def _summed(self, view: View, tolerance: float) -> bands.Quadrature:
         """Returns the rule that sums over the sidebands."""
-        p, sides = self.params, (-1, 1) if self.params.sideband == "double" else (1,)
-        centers = [p.frequency_ghz + side * p.if_center_ghz for side in sides]
-        width_hz = p.if_bandwidth_ghz * 1e9
+        width_hz = self.params.if_bandwidth_ghz * 1e9
         rules = [
             bands.resolve(bands.named("flat", center * 1e9, width_hz), view, tolerance)
-            for center in centers
+            for center in self._centers_ghz()
         ]
         return bands.Quadrature(
             np.concatenate([rule.frequency_hz for rule in rules]),

@@ -318,6 +318,7 @@ def test_every_name_in_the_file_is_reserved(tmp_path):
         ),
         scene(numerics={"realizations": 2}, atmosphere__compare=["r24"]),
         scene(sensor={"kind": "active", "frequency_ghz": 650.0, "dynamic_range_db": 80.0}),
+        scene(sensor=BROAD),
     ]
     names = set()
     for number, data in enumerate(scenes):

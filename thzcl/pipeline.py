@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from datetime import UTC, datetime
 from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, get_args
@@ -332,6 +333,7 @@ def _result(plan: Plan, device: Device, made: list[_Made], clock: Clock, figure:
     notes = dict.fromkeys(note for one in made for note in one.notes)
     left_out = [stage for stage in report.stages(plan, figure) if not stage.needed]
     errors = [error for one in made for error in one.fits()]
+    used = versions()
     held = {model.model for variant in plan.variants for model in variant.compared}
     models = [first.scene.atmosphere.model, *first.scene.atmosphere.compare]
     return Result(
@@ -375,12 +377,13 @@ def _result(plan: Plan, device: Device, made: list[_Made], clock: Clock, figure:
         ),
         error_budget=_errors(pairs),
         voxel_segments=0,
-        versions=versions(),
+        versions=used,
         cubes=_cubes(pairs),
         models=tuple(name for name in models if name in {models[0], *held}) if held else (),
         spread_shown=first.scene.output.model_spread,
         airs=tuple({"variant": v.name, **report.fluctuations(v)} for v in plan.variants),
         skies=tuple(report.skies(plan)),
+        history=f"{datetime.now(UTC):%Y-%m-%dT%H:%M:%SZ}: made by thzcl {used['thzcl']}",
     )
 
 

@@ -86,6 +86,7 @@ RESERVED_NAMES = frozenset(
     {
         *("variant", "frequency", "variant_frequency", "time", "model", "x", "y", "x_angle"),
         *("y_angle", "radiance", "brightness_temperature", "brightness_temperature_contrast"),
+        *("frequency_bounds", "bounds"),
         *("optical_depth", "path_length", "target", "image", "image_difference"),
         *("image_variance", "image_spread", "absolute_humidity", "air_temperature"),
         *("image_mean", "scintillation_index"),
@@ -180,6 +181,7 @@ class Needs:
     that it meets, before rays are averaged into pixels or blurred. `errors` are errors that the
     sensor knows, by name: each has a relative size, and words for what that is relative to.
 
+    `bounds_hz` (band, 2) are the lowest and the highest frequency of each band.
     `integration_time_s` is how long the sensor integrates over a pixel, and `passband` the widths
     in Hz of the frequencies and the response at them, 1 at its peak: observe() gets both back.
     With `illumination = "beam"` one beam both lights and receives each pixel, and the optics see a
@@ -202,6 +204,7 @@ class Needs:
     gain: Literal["none", "lambert"] = "none"
     integration_time_s: float | None = None
     passband: tuple[ArrayLike, ArrayLike] | None = None
+    bounds_hz: ArrayLike | None = None
     notes: tuple[str, ...] = ()
     illumination: Literal["flood", "beam"] = "flood"
     path_return: PathReturn | None = None
@@ -227,6 +230,7 @@ class _Sight:
     pixel_angle_rad: tuple[float, float] = field(default=(0.0, 0.0), kw_only=True)  # as in View
     integration_time_s: float | None = field(default=None, kw_only=True)  # as in Needs
     passband: tuple[Array, Array] | None = field(default=None, kw_only=True)  # as in Needs
+    bounds_hz: Array | None = field(default=None, kw_only=True)  # as in Needs
 
     @property
     def off_axis_cosine(self) -> Array:
@@ -309,11 +313,15 @@ class Echoes(_Sight):
 
 @dataclass(frozen=True)
 class Layer:
-    """One more image of a sensor, (y, x); its key in Image.layers names it in the result file."""
+    """One more image of a sensor, (y, x); its key in Image.layers names it in the result file.
+
+    `flags` are one word each for what the values 0, 1, 2 and so on mean, if they are flags.
+    """
 
     values: NDArray[Any]
     unit: str
     quantity: str
+    flags: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)

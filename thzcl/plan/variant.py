@@ -515,6 +515,7 @@ class _Planner:
             self.pixel_rad,
             self.needs.integration_time_s,
             None if passband is None else (Values.of(passband[0]), Values.of(passband[1])),
+            None if self.needs.bounds_hz is None else Values.of(self.needs.bounds_hz),
             NoiseKey(noise_seed(self.scene), self.variant.key),
             self.needs.noise,
             self.needs.path_return is not None,

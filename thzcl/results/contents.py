@@ -105,6 +105,7 @@ class Contents:
     spread_shown: bool = False  # whether pictures show how far the models differ
     airs: tuple[dict[str, Any], ...] = ()  # how humidity fluctuates in each variant
     skies: tuple[dict[str, Any], ...] = ()  # of the variants that see one, by elevation
+    history: str = ""  # when and by what it was made
 
     def image_difference(self) -> Array | None:
         """Returns the first image of `difference` less the second, (y, x).
@@ -130,6 +131,7 @@ def at_frequency(sight: Radiances | Echoes, number: int) -> Radiances | Echoes:
         "frequency_hz": sight.frequency_hz[one],
         "optical_depth": sight.optical_depth[one],
         "weights": None if sight.weights is None else sight.weights[one],
+        "bounds_hz": None if sight.bounds_hz is None else sight.bounds_hz[one],
     }
     if isinstance(sight, Echoes):
         of_air = None if sight.path_return is None else sight.path_return[one]

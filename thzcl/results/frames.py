@@ -15,7 +15,7 @@ from thzcl.results.contents import Array, Contents
 from thzcl.results.netcdf import Variable
 from thzcl.results.patient import Patient
 
-STILL = ("path_length", "target", "absolute_humidity", "air_temperature")
+STILL = ("path_length", "target", "absolute_humidity", "air_temperature", *netcdf.VOXELS)
 MOST_MILLISECONDS = 65_535 * 10  # that a GIF can show a frame for
 LEAST_PIXELS = 240  # on the shorter side of a shown panel
 STRETCH_PERCENT = (0.1, 99.9)
@@ -64,14 +64,18 @@ class Writer:
         for variable in every.values():
             for name, size in zip(variable.dims, variable.values.shape, strict=True):
                 self._size(name, size)
-        attrs = {"units": "s", "long_name": "time from the first frame", "axis": "T"}
+        attrs = {"units": "s", "long_name": "time from the first frame"}
         self._create("time", Variable(("time",), self._times, attrs))
         for name, variable in every.items():
             if name not in moving:
                 self._create(name, variable)
         for name, (dims, values, attrs) in moving.items():
             created = self._file.create_variable(
-                name, ("time", *dims), values.dtype, chunks=(1, *values.shape)
+                name,
+                ("time", *dims),
+                values.dtype,
+                chunks=(1, *values.shape),
+                **netcdf.compression(values),
             )
             created.attrs.update(attrs)
 
@@ -84,7 +88,10 @@ class Writer:
 
         dims, values, attrs = variable
         kind = h5py.string_dtype() if values.dtype == object else values.dtype
-        self._file.create_variable(name, dims, kind, data=values).attrs.update(attrs)
+        made = self._file.create_variable(
+            name, dims, kind, data=values, **netcdf.compression(values)
+        )
+        made.attrs.update(attrs)
 
     def finish(self, result: Contents, more: dict[str, Variable]) -> None:
         """Writes what is known at the end: attributes of the whole, and further variables."""

@@ -85,6 +85,7 @@ class _Stored:
             "difference": output.difference,
             "grid_rotations": (rotation,) * count if rotation.ndim == 2 else tuple(rotation),
             "device": text["device"],
+            "history": text.get("history", ""),
             "seed": int(text["seed"]),
             "noise_seed": int(text["noise_seed"]) if "noise_seed" in text else None,
             "voxel_segments": int(text["voxel_segments"]),
@@ -120,9 +121,13 @@ class _Stored:
         length, target = (self._each(name, 2)[number] for name in ("path_length", "target"))
         kept = depth[planes], length, target, None, np.nan
         hz = self._frequencies()[number][planes] * 1e9
+        bounds = None
+        if "frequency_bounds" in self.file:
+            bounds = self._each("frequency_bounds", 2)[number][planes] * 1e9
         if "brightness_temperature_contrast" not in self.file:
             nothing = np.full(depth[planes].shape, np.nan)
-            return Echoes(hz, *kept, hz, None, nothing, np.full(length.shape, np.nan))
+            away = np.full(length.shape, np.nan)
+            return Echoes(hz, *kept, hz, None, nothing, away, bounds_hz=bounds)
         air = self.reference["air"][number]
         kelvin = self._of_model("brightness_temperature_contrast", number, row)[planes]
         base = np.array(air["radiance"])[planes]
@@ -130,7 +135,8 @@ class _Stored:
         contrast = np.subtract(radiance, base[:, None, None], dtype=np.float64)
         if row:
             contrast = np.full(kelvin.shape, np.nan)  # the file has the image's own alone
-        sight = Radiances(hz, *kept, hz, None, contrast, base, air["temperature_k"])
+        air_k = air["temperature_k"]
+        sight = Radiances(hz, *kept, hz, None, contrast, base, air_k, bounds_hz=bounds)
         sight.__dict__["brightness_temperature_contrast"] = kelvin  # as stored
         return sight
 
@@ -141,7 +147,8 @@ class _Stored:
         layers = {}
         for name, one in self.file.items():
             if name not in SEEN and one.ndim == 3 and self._is_plane(one):
-                layers[name] = Layer(one[number], *self._told(name))
+                flags = tuple(_text(one.attrs.get("flag_meanings", "")).split())
+                layers[name] = Layer(one[number], *self._told(name), flags)
         words = self.reference["captions"][number]
         values = self.file["image"][number]
         return Image(values, *self._told("image"), layers, facts, caption=words)
@@ -152,9 +159,9 @@ class _Stored:
         return variable.shape == shape and "coordinates" in variable.attrs
 
     def _told(self, name: str) -> tuple[str, str]:
-        """Returns the unit and the quantity of a variable."""
+        """Returns the unit, which flags do not have, and the quantity of a variable."""
         attrs = self.file[name].attrs
-        return _text(attrs["units"]), _text(attrs["long_name"])
+        return _text(attrs.get("units", "1")), _text(attrs["long_name"])
 
     def _of_model(self, name: str, number: int, row: int) -> Array:
         """Returns a variable's values (frequency, y, x) by one model."""

@@ -17,10 +17,13 @@ from thzcl.results.contents import Array, Contents, Cube
 from thzcl.results.patient import Patient
 from thzcl.results.spread import signal
 from thzcl.results.summary import of_variant
-from thzcl.sensor import Echoes, Image, Radiances
+from thzcl.sensor import Echoes, Image, Layer, Radiances
 
 MOST_LETTERS = 60_000  # of an attribute: HDF5 holds 64 KiB
 REFERENCE = "reference"  # the attribute with what else a result needs that is read again
+CHEAP_BYTES = 2**20  # of real numbers: to deflate as many takes some 50 ms
+ON_SCALE = {"units_metadata": "temperature: on_scale"}
+DIFFERENCE = {"units_metadata": "temperature: difference"}
 PLANE = ("y", "x")
 SPECTRAL = ("frequency", *PLANE)
 VOXELS = ("z_voxel", "y_voxel", "x_voxel")
@@ -48,7 +51,19 @@ def write(result: Contents, path: Path) -> None:
                     file.dimensions[name] = size
         for name, (dims, values, attrs) in stored.items():
             kind = h5py.string_dtype() if values.dtype == object else values.dtype
-            file.create_variable(name, dims, kind, data=values).attrs.update(attrs)
+            made = file.create_variable(name, dims, kind, data=values, **compression(values))
+            made.attrs.update(attrs)
+
+
+def compression(values: Array) -> dict[str, Any]:
+    """Returns how values are stored: deflated where that is cheap.
+
+    Whole numbers are flags and counts, which shrink to next to nothing.
+    """
+    kind, small = values.dtype.kind, values.nbytes <= CHEAP_BYTES
+    if values.size < 2 or not (kind in "iu" or (kind == "f" and small)):
+        return {}
+    return {"compression": "gzip", "compression_opts": 1, "shuffle": True}
 
 
 def attributes(result: Contents) -> dict[str, Any]:
@@ -59,6 +74,7 @@ def attributes(result: Contents) -> dict[str, Any]:
         "Conventions": "CF-1.11",
         "title": f"{scenario}: terahertz images",
         "source": f"thzcl {result.versions['thzcl']}",
+        "history": result.history,
         "scenario_name": scenario,
         "scenario_toml": result.scenario_toml,
         "scenario_folder": readable(result.scenario_folder),
@@ -126,10 +142,32 @@ def coordinates(result: Contents) -> dict[str, Variable]:
 def _frequencies(result: Contents) -> dict[str, Variable]:
     """Returns one axis of frequencies in GHz, or one for each variant if they differ."""
     values = np.array([variant.sight.frequency_hz for variant in result.variants]) / 1e9
+    bounds = _bounds(result)
+    name = "frequency" if bounds is None else "mean frequency of the band"
+    kind = "radiation" if bounds is None else "sensor_band_central_radiation"
+    attrs = _attrs("GHz", name) | {"standard_name": f"{kind}_frequency"}
+    found = {}
     if (values == values[0]).all():
-        return {"frequency": _coordinate("frequency", values[0], "GHz", "frequency")}
-    attrs = _attrs("GHz", "frequency")
-    return {"variant_frequency": Variable(("variant", "frequency"), values, attrs)}
+        found["frequency"] = Variable(("frequency",), values[0], attrs)
+    else:
+        found["variant_frequency"] = Variable(("variant", "frequency"), values, attrs)
+    if bounds is not None:
+        edges = _shared(list(bounds), {}, ("frequency", "bounds"))
+        if "frequency" in found and edges.dims[0] == "frequency":
+            attrs["bounds"] = "frequency_bounds"  # CF knows bounds of axes, with the axis' unit
+        else:
+            edges.attrs.update(_attrs("GHz", "lowest and highest frequency of the band"))
+        found["frequency_bounds"] = edges
+    return found
+
+
+def _bounds(result: Contents) -> Array | None:
+    """Returns the lowest and highest frequencies of bands, GHz, (variant, frequency, 2).
+
+    Returns None where a variant has single frequencies, or a sensor that does not tell.
+    """
+    bounds = [v.sight.bounds_hz for v in result.variants if v.sight.bounds_hz is not None]
+    return np.array(bounds) / 1e9 if len(bounds) == len(result.variants) else None
 
 
 def _coordinate(dimension: str, values: Array, units: str, name: str) -> Variable:
@@ -168,15 +206,18 @@ def _radiometric(passive: list[Radiances], kind: Any) -> dict[str, Variable]:
         return {}
     radiances = [(s.air_radiance[:, None, None], s.contrast) for s in passive]
     absolute = [(s.air_temperature_k, s.brightness_temperature_contrast) for s in passive]
+    standard = {"standard_name": "brightness_temperature"}
     return {
-        "radiance": _spectral(radiances, "W m-2 sr-1 Hz-1", "spectral radiance", kind),
-        "brightness_temperature": _spectral(absolute, "K", "brightness temperature", kind),
+        "radiance": _spectral(radiances, "W m-2 sr-1 Hz-1", "spectral radiance", {}, kind),
+        "brightness_temperature": _spectral(
+            absolute, "K", "brightness temperature", ON_SCALE | standard, kind
+        ),
     }
 
 
 def _contrast(result: Contents, kind: Any) -> dict[str, Variable]:
     """Returns the contrast of a passive sensor's pixels."""
-    attrs = _pixel_attrs("K", "brightness temperature above the mean air's")
+    attrs = _pixel_attrs("K", "brightness temperature above the mean air's") | DIFFERENCE
     return {"brightness_temperature_contrast": _by_model(result, signal, attrs, kind)}
 
 
@@ -204,7 +245,9 @@ def _by_model(
     return Variable(("variant", *SPECTRAL), stored[0], attrs)
 
 
-def _spectral(sums: list[tuple[Any, Array]], units: str, name: str, kind: Any) -> Variable:
+def _spectral(
+    sums: list[tuple[Any, Array]], units: str, name: str, more: dict[str, str], kind: Any
+) -> Variable:
     """Returns a variable (variant, frequency, y, x), the sum of two terms for each variant.
 
     The sums are formed in the type `kind`, in which they are stored.
@@ -212,7 +255,7 @@ def _spectral(sums: list[tuple[Any, Array]], units: str, name: str, kind: Any) -
     stored = np.empty((len(sums), *sums[0][1].shape), kind)
     for (base, plane), out in zip(sums, stored, strict=True):
         np.add(base, plane, out=out, casting="same_kind")
-    return Variable(("variant", *SPECTRAL), stored, _pixel_attrs(units, name))
+    return Variable(("variant", *SPECTRAL), stored, _pixel_attrs(units, name) | more)
 
 
 def _pixel_attrs(units: str, name: str) -> dict[str, Any]:
@@ -241,14 +284,30 @@ def _flags(targets: tuple[str, ...]) -> dict[str, Any]:
 def _images(images: list[Image], kind: Any) -> dict[str, Variable]:
     """Returns the sensors' images, and the layers that all images have, (variant, y, x)."""
     first = images[0]
-    planes = {"image": (first.unit, first.quantity, [image.values for image in images])}
-    for name, layer in first.layers.items():
+    attrs = _pixel_attrs(first.unit, first.quantity)
+    planes = {"image": (attrs, [image.values for image in images])}
+    for name in first.layers:
         if all(name in image.layers for image in images):
             values = [image.layers[name].values for image in images]
-            planes[name] = (layer.unit, layer.quantity, values)
+            planes[name] = (_layer_attrs([image.layers[name] for image in images]), values)
     return {
-        name: Variable(("variant", *PLANE), _stacked(values, kind), _pixel_attrs(unit, quantity))
-        for name, (unit, quantity, values) in planes.items()
+        name: Variable(("variant", *PLANE), _stacked(values, kind), attrs)
+        for name, (attrs, values) in planes.items()
+    }
+
+
+def _layer_attrs(layers: list[Layer]) -> dict[str, Any]:
+    """Returns the attributes of a sensor's layer; flags have meanings in place of a unit."""
+    first = layers[0]
+    attrs = _pixel_attrs(first.unit, first.quantity)
+    flags = first.flags
+    if not flags or any(layer.flags != flags for layer in layers):
+        return attrs
+    del attrs["units"]
+    kind = np.result_type(*(np.asarray(layer.values) for layer in layers))
+    return attrs | {
+        "flag_values": np.arange(len(flags), dtype=kind),
+        "flag_meanings": " ".join(flags),
     }
 
 
@@ -264,6 +323,8 @@ def _difference(result: Contents, found: Mapping[str, Variable]) -> dict[str, Va
     if values is None or result.difference is None:
         return {}
     attrs = _pixel_attrs(found["image"].attrs["units"], " less ".join(result.difference))
+    if attrs["units"] == "K":
+        attrs |= DIFFERENCE
     if "variant" in coordinates(result)["x_angle"].dims:
         del attrs["coordinates"]
     return {"image_difference": Variable(PLANE, values, attrs)}
@@ -280,8 +341,10 @@ def _cubes(cubes: tuple[Cube, ...]) -> dict[str, Variable]:
     edges = lattice.voxel_m
     size: dict[str, Any] = {"voxel_m": edges[0] if len({*edges}) == 1 else np.array(edges)}
     size["periodic"] = np.array([count is None for count in lattice.filled], np.int8)
-    humidity = {"units": "g m-3", "long_name": "absolute humidity of the cube's voxels"}
-    temperature = {"units": "K", "long_name": "air temperature of the cube's voxels"}
+    humidity = _attrs("g m-3", "absolute humidity of the cube's voxels")
+    humidity["standard_name"] = "mass_concentration_of_water_vapor_in_air"
+    temperature = _attrs("K", "air temperature of the cube's voxels") | ON_SCALE
+    temperature["standard_name"] = "air_temperature"
     grams = [cube.absolute_humidity_g_m3 for cube in cubes]
     found = {
         name: _coordinate(name, corner + (np.arange(count) + 0.5) * edge, "m", f"{name[0]} in cube")

@@ -57,6 +57,7 @@ def needs(asked: Any, pixels: tuple[int, int]) -> Needs:
         errors=_errors(asked.errors),
         integration_time_s=_time(asked.integration_time_s),
         passband=_passband(asked.passband, len(frequency_hz)),
+        bounds_hz=_bounds(asked),
         notes=tuple(_text(note, "a note of needs()") for note in asked.notes),
         path_return=_path_return(asked),
     )
@@ -122,6 +123,18 @@ def _passband(given: Any, count: int) -> tuple[Array, Array] | None:
     return _numbers(width_hz, "widths of frequencies", (count,)), _numbers(
         response, "a response", (count,)
     )
+
+
+def _bounds(asked: Needs) -> Array | None:
+    """Returns the lowest and the highest frequency of each band, (band, 2)."""
+    if asked.bounds_hz is None:
+        return None
+    if asked.weights is None:
+        raise Breach("needs() gave bounds of bands without weights")
+    bounds = _numbers(asked.bounds_hz, "bounds of bands", (len(np.atleast_2d(asked.weights)), 2))
+    if not (bounds[:, 0] < bounds[:, 1]).all() or bounds.min() < 0:
+        raise Breach("needs() gave bounds of bands that do not ascend from 0 Hz or more")
+    return bounds
 
 
 def _path_return(asked: Needs) -> PathReturn | None:
@@ -194,6 +207,7 @@ def image(
             values=_plane(layer.values, f"layer {name!r}", shape, stored),
             unit=_text(layer.unit, f"the unit of layer {name!r}"),
             quantity=_text(layer.quantity, f"the quantity of layer {name!r}"),
+            flags=_flags(layer, name),
         )
     return replace(
         made,
@@ -207,6 +221,18 @@ def image(
             _text(name, "a fact's name"): _fact(name, fact) for name, fact in made.facts.items()
         },
     )
+
+
+def _flags(layer: Layer, name: str) -> tuple[str, ...]:
+    """Returns the words of a layer of flags. Raises Breach if its values are none."""
+    words = tuple(_text(word, f"a flag of layer {name!r}") for word in layer.flags)
+    if not words:
+        return ()
+    if any(not word or len(word.split()) != 1 for word in words):
+        raise Breach(f"returned layer {name!r} with flags that are not one word each")
+    if not np.isin(layer.values, np.arange(len(words))).all():
+        raise Breach(f"returned layer {name!r} with values that are none of its flags")
+    return words
 
 
 def _of_layer(given: Any, layers: Mapping[str, Layer]) -> Decibels | None:

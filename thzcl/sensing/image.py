@@ -64,6 +64,7 @@ class ImageSpec(Spec):
     pixel_rad: tuple[float, float]  # width and height of a pixel at the image centre
     time_s: float | None  # how long the sensor integrates over a pixel, if it says so
     passband: tuple[Values, Values] | None  # widths and response, if the sensor says so
+    bounds: Values | None  # of the bands, Hz, (band, 2), if the sensor says so
     noise: NoiseKey
     noisy: bool  # whether the sensor draws random numbers
     asks_echo: bool = False  # whether the sensor asks for what the air sends back
@@ -83,6 +84,8 @@ class ImageSpec(Spec):
         if self.passband is not None:
             widths, response = self.passband
             sight = replace(sight, passband=(widths.array, response.array))
+        if self.bounds is not None:
+            sight = replace(sight, bounds_hz=self.bounds.array)
         hole = _hole(sight, self.places.ends.geometry.frame, self.places.ends.geometry.raster)
         if hole:
             return Recorded(sight, None, f"{self.name}: {hole}; please report the scene")

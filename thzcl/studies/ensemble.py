@@ -161,11 +161,11 @@ class Ensemble:
         """Returns the mean of a layer: of flags, the fraction of realisations that are flagged."""
         plane = self._planes[f"layer {name}"]
         quantity = layer.quantity
-        if np.asarray(layer.values).dtype.kind != "f":
+        if layer.flags or np.asarray(layer.values).dtype.kind != "f":
             flags = plane.low.min() >= 0 and plane.high.max() <= 1
             what = quantity.removeprefix(_FLAG)
             quantity = f"fraction of realisations: {what}" if flags else f"mean of {what}"
-        return replace(layer, values=plane.mean, quantity=quantity)
+        return replace(layer, values=plane.mean, quantity=quantity, flags=())
 
     def _mean_facts(self, image: Image) -> dict[str, tuple[float, str]]:
         """Returns the means of the facts that every realisation told."""
