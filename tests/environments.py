@@ -197,6 +197,8 @@ class Drawing:
         kept = {"PATH", "VIRTUAL_ENV", "HOME"}
         variables = {name: value for name, value in os.environ.items() if name in kept}
         variables |= {"PYTHONPATH": str(ROOT), "TMPDIR": str(folder / "passing")}
+        # Python itself keeps modules that a limit has cut off, and breaks down on them later.
+        variables["PYTHONDONTWRITEBYTECODE"] = "1"
         self.made = Environment(folder, rng.choice(COMMANDS), variables)
         self._rng = rng
         self._places = {kind: str(path) for kind, path in places.kinds.items()}

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import json
+import math
 import os
 import pty
 import re
@@ -29,6 +30,7 @@ from thzcl.commands.tables import (
     as_records,
     from_records,
     show,
+    show_json,
 )
 from thzcl.scenario.sensors import HOOK as SENSORS
 from thzcl.studies.stress import trial
@@ -303,3 +305,8 @@ def _read(terminal_end):
         return os.read(terminal_end, 65536)
     except OSError:
         return b""
+
+
+def test_json_has_no_nan(capsys):
+    show_json({"a": [1.0, math.nan, {"b": (-math.inf, "x", None, True)}]})
+    assert json.loads(capsys.readouterr().out) == {"a": [1.0, None, {"b": [None, "x", None, True]}]}

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import json
+import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -68,8 +69,17 @@ def as_records(table: Table) -> list[dict[str, Cell]]:
 
 
 def show_json(found: Any) -> None:
-    """Prints something as JSON."""
-    print(json.dumps(found, indent=2))
+    """Prints something as JSON, which has no NaN and no infinity: they are null."""
+    print(json.dumps(_finite(found), indent=2, allow_nan=False))
+
+
+def _finite(value: Any) -> Any:
+    """Returns a value with None for each number in it that is not finite."""
+    if isinstance(value, Mapping):
+        return {key: _finite(one) for key, one in value.items()}
+    if isinstance(value, list | tuple):
+        return [_finite(one) for one in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def show(*tables: Table) -> None:

@@ -12,6 +12,8 @@ from thzcl.plan.variant import PlannedVariant
 from thzcl.sensing.image import ComparedSpec, ImageSpec
 
 PERCENTILE_BYTES = 2**28  # of the images, in float32, whose percentiles are taken pixel by pixel
+# Of each triangle: while a mesh is read and its tree is made, and afterwards on the host.
+MADE_BYTES, PLANNED_BYTES = 400, 100
 DRAWN_BYTES = 40_000_000  # by the library that draws, with one panel
 
 
@@ -21,7 +23,10 @@ def needed(plan: Plan) -> tuple[int, int]:
     files = [_stored(one) for one in plan.variants]
     kept = sum(sum(spec.memory().held) for one in plan.variants for spec in _images(one))
     written = kept + max(sum(files), sum(map(_drawn, plan.variants)) + DRAWN_BYTES)
-    return max(total + _statistics(plan), written), max(largest, *files)
+    triangles = max(map(_triangles, plan.variants))
+    computing = total + _statistics(plan)
+    peaks = max(computing, written) + PLANNED_BYTES * triangles, MADE_BYTES * triangles
+    return max(peaks), max(largest, *files)
 
 
 def by_pixel(realizations: int, images: int, pixels: int) -> bool:
@@ -38,6 +43,10 @@ def _images(variant: PlannedVariant) -> Iterator[ImageSpec | ComparedSpec]:
 def _pixels(variant: PlannedVariant) -> int:
     height, width = variant.image.pixels.steps.pixels
     return height * width
+
+
+def _triangles(variant: PlannedVariant) -> int:
+    return int(variant.image.places.ends.geometry.things.meshes.corners.shape[0])
 
 
 def _stored(variant: PlannedVariant) -> int:
