@@ -111,7 +111,7 @@ def test_what_is_nothing_to_report_on_is_refused(tmp_path, thzcl_command):
         report(tmp_path)
     broken = tmp_path / "x-range.json"
     broken.write_text("{}", encoding="utf-8")
-    with pytest.raises(FileError, match="no answer of thzcl range"):
+    with pytest.raises(FileError, match="is not as thzcl has written it"):
         report(tmp_path)
     (tmp_path / "no.nc").write_bytes(b"no")
     assert thzcl_command("report", "no.nc").returncode == 2
