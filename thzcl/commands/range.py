@@ -153,10 +153,10 @@ def tables(found: RangeResult) -> list[Table]:
         keys=3,
     )
     reached = Table(
-        "",
+        f"range at a probability of {100 * asked.probability:g} %",
         (
             *keys[:2],
-            Column(f"range at {100 * asked.probability:g} %", "m", ".4g"),
+            Column("range", "m", ".4g"),
             Column("low", "m", ".4g"),
             Column("high", "m", ".4g"),
             Column(""),
