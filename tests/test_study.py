@@ -292,9 +292,17 @@ def test_what_is_no_study_is_refused_before_anything_is_written(tmp_path, asked,
 
 def test_realizations_are_refused_and_the_table_is_no_part_of_an_image(tmp_path):
     source = small(tmp_path, study={"over": {HUMID: [20.0]}, "seeds": 2})
-    found = thzcl.study(source, tmp_path / "a", settings={"numerics.realizations": 3})
-    assert found.states == {"failed": 2}
-    assert "seeds, each of which is one" in next(found.records())["message"]
+    for settings, words in (
+        ({"numerics.realizations": 3}, "seeds, each of which is one"),
+        ({"sequence": {"rate_hz": 1.0, "frames": 2}}, "sequence. is refused in a study"),
+    ):
+        with pytest.raises(ScenarioError, match=words):
+            thzcl.study(source, tmp_path / "a", settings=settings)
+    assert not list((tmp_path / "a").rglob("*"))
+    over = {"numerics.realizations": [1, 3]}
+    found = thzcl.study(source, tmp_path / "b", over=over, seeds=1)
+    assert found.states == {"done": 1, "failed": 1}
+    assert "seeds, each of which is one" in list(found.records())[1]["message"]
     plain, with_table = (pipeline.prepare(s) for s in (small(tmp_path), source))
     assert plain == with_table
     bad = small(tmp_path, study={"ower": {}})

@@ -20,7 +20,7 @@ from thzcl.plan import checks
 from thzcl.plan.plan import Plan, make_plan
 from thzcl.plugins.names import suggest
 from thzcl.scenario import document as documents
-from thzcl.scenario.document import Document
+from thzcl.scenario.document import Document, Scenario
 from thzcl.scenario.problems import validate
 from thzcl.scenario.scene import StudyTable
 from thzcl.scenario.text import dumps
@@ -150,17 +150,21 @@ class Study:
         """Returns the plan of a member. Raises ScenarioError, or PluginFailure."""
         document = self.scene(member)
         try:
-            scenario = documents.parse(document, self.variants, allow_outside=self.allow_outside)
-            if any(v.scene.numerics.realizations > 1 for v in scenario.variants):
-                text = "realizations is refused in a study: give seeds, each of which is one"
-                raise ScenarioError([f"{document.label}: [numerics] {text}"])
-            if any(v.scene.sequence is not None for v in scenario.variants):
-                raise ScenarioError([f"{document.label}: [sequence] is refused in a study"])
-            plan = make_plan(scenario)
+            plan = make_plan(self.parsed(document))
             checks.together(document, plan)
         except ScenarioError as error:
             raise ScenarioError([_by_over(line) for line in error.problems]) from None
         return plan
+
+    def parsed(self, document: Document) -> Scenario:
+        """Returns the scenes of a member's document. Raises ScenarioError."""
+        scenario = documents.parse(document, self.variants, allow_outside=self.allow_outside)
+        if any(v.scene.numerics.realizations > 1 for v in scenario.variants):
+            text = "realizations is refused in a study: give seeds, each of which is one"
+            raise ScenarioError([f"{document.label}: [numerics] {text}"])
+        if any(v.scene.sequence is not None for v in scenario.variants):
+            raise ScenarioError([f"{document.label}: [sequence] is refused in a study"])
+        return scenario
 
 
 def _by_over(line: str) -> str:
@@ -230,7 +234,7 @@ def _problems(study: Study, settings: Mapping[str, Any]) -> tuple[str, ...]:
     plain = {k: v for k, v in settings.items() if placing.named(k) is None}
     try:
         document = documents.changed(study.document, plain, {})
-        documents.parse(document, study.variants, allow_outside=study.allow_outside)
+        study.parsed(document)
     except ScenarioError as error:
         return error.problems
     return ()
