@@ -71,7 +71,7 @@ def test_a_model_that_is_not_valid_at_a_frequency_is_left_out_there(capsys):
         ((), "give --frequency-ghz F, or --validation"),
         (("--validation", "--frequency-ghz", "650"), "--validation has models"),
         (("--validation", "--model", "r24"), "--validation has models"),
-        (("--validation", "--figure", "a.pdf"), "let its name end in .png"),
+        (("--validation", "--figure", "a.doc"), "are written as .png, .pdf or .svg"),
     ],
 )
 def test_wrong_words_are_explained(capsys, arguments, text):
