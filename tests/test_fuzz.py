@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import fuzz
+import fuzz_files
 import pytest
 
 
@@ -13,3 +14,11 @@ def test_mutated_scenes_are_refused_or_run(device, seed):
     assert not broken, "\n".join(broken)
     assert ends["ran"] > 20
     assert ends["refused 2"] > 100
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", fuzz_files.KINDS)
+def test_damaged_files_and_odd_settings_are_refused_or_used(kind):
+    ends, broken = fuzz_files.search(kind, 103, 20)
+    assert not broken, "\n".join(broken)
+    assert ends["refused"] > 2
