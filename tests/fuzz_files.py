@@ -31,7 +31,8 @@ WORDS = (
     *(b"nan", b"inf", b"-1", b"1e400", b"0", b"", b"9" * 400, b"\xff\xfe", b"\x00", b"1e-320"),
     *("²".encode(), b",", b";", b"\n\n", b'"', b"[" * 3000, b"{}", b"null", b"-0.0", b"1_0"),
 )
-SETTINGS = ("camera.pixels", "atmosphere.temperature_k", "targets.box.kind", "sensor", "sky.profile",
+SETTINGS = ("camera.pixels", "atmosphere.temperature_k", "targets.box.kind", "sensor",
+            "sky.profile",
             "atmosphere.fluctuations.file", "numerics.precision", "a.b.c", "", ".", "variants",
             "output.limits", "study.over", "sequence.frames", "targets.box", "ground")  # fmt: skip
 VALUES = ("[12,10]", "nan", "-inf", "1e999", "{}", "[[]]", "'a", '"é', "²", "0x", "1e5", "[1,2",
