@@ -18,7 +18,7 @@ from scenes import DRIFTING, PLAIN, scene, write
 
 from thzcl import pipeline
 from thzcl.clock import Clock
-from thzcl.graph import Memory, Spec, Values, evaluate, everything, frozen, peak, rewrite
+from thzcl.graph import Held, Memory, Spec, Values, evaluate, everything, frozen, peak, rewrite
 from thzcl.plan import memory
 from thzcl.sensing.pixels import SumSpec
 
@@ -427,3 +427,44 @@ def bits(value):
     if isinstance(value, dict):
         return {name: bits(one) for name, one in value.items()}
     return [bits(one) for one in value] if isinstance(value, tuple) else value
+
+
+@frozen
+class Heavy(Spec):
+    """A value of so many bytes."""
+
+    name: str
+    size: int
+    stage = "trace"
+
+    def run(self, device):
+        """Returns its name."""
+        del device
+        return self.name
+
+    def memory(self):
+        """Returns its bytes."""
+        return Memory((self.size,))
+
+
+def test_what_is_held_serves_and_the_oldest_gives_way_to_what_is_read():
+    """Values that a graph reads stay; those of other holders go first, in the order of holding."""
+    Held.everyone.clear()
+    old, new = Held((Heavy,)), Held((Heavy,))
+    a, b, c, d = (Heavy(name, 4) for name in "abcd")
+
+    def evaluated(held, *specs, most):
+        runs = Counter()
+        held.make_room(specs, most)
+        (values,) = evaluate([specs], Bench(), runs=runs, held=held)
+        assert values == tuple(spec.name for spec in specs)
+        return runs["Heavy"]
+
+    assert evaluated(old, a, b, most=12) == 2 and set(old.values) == {a, b}
+    assert evaluated(old, a, b, most=12) == 0
+    assert evaluated(new, c, most=12) == 1 and set(old.values) == {a, b}
+    assert evaluated(new, c, d, most=12) == 1
+    assert (set(old.values), set(new.values)) == ({b}, {c, d}) and old.lost == {a}
+    assert evaluated(old, b, Heavy("large", 9), most=12) == 1  # what is in the way goes in vain
+    assert set(old.values) == {b} and old.lost >= {Heavy("large", 9)}
+    assert old.size + new.size <= 12

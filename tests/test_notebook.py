@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import copy
 import doctest
+import gc
+import weakref
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,6 +16,7 @@ from conftest import ROOT
 import thzcl
 from thzcl import pipeline
 from thzcl.errors import FileError, ScenarioError
+from thzcl.paths.trace import Paths
 from thzcl.results import result as results
 from thzcl.scenario import source
 
@@ -51,6 +55,53 @@ def test_tables_that_are_no_scene_are_refused(tables, message):
     """Without a line number, as there are no lines."""
     with pytest.raises(ScenarioError, match=message):
         thzcl.run(tables)
+
+
+def test_numbers_and_arrays_of_numpy_paths_and_single_names_are_taken_everywhere(tmp_path):
+    """By studies, answers about range and sequences too, of a scene as tables as well."""
+    tables = tomli.loads(QUICK)
+    few = FEW | {"camera.pixels": np.array([8, 6]), "numerics.error_budget": np.bool_(False)}
+    over = {"sensor.frequency_ghz": np.array([340.0, 650.0]), "numerics.noise_seed": range(2)}
+    for _ in range(2):  # the second finds the study of the first
+        asked = {"settings": few, "over": over, "seed": np.int64(1), "seeds": np.int64(1)}
+        found = thzcl.study(tables, tmp_path / "study", **asked)
+    assert found.members == found.states["done"] == 4
+    pairs = {"camera.focal_length_mm,sensor.frequency_ghz": np.array([[60.0, 340], [70, 650]])}
+    places = {"camera.position_m": [np.array([0, 0, 5.0]), np.array([0, 0, 4.0])]}
+    found = thzcl.study("quick", tmp_path / "two", settings=few, over=pairs | places, seed=1)
+    assert found.states["done"] == 4
+    wind = {"atmosphere.fluctuations.wind_m_s": np.array([0, 2, 0])}
+    frames = {"sequence": {"rate_hz": np.float32(5), "frames": np.int32(2)}}
+    taken = thzcl.sequence(tables, tmp_path / "s.nc", settings=few | wind | frames, figure=False)
+    assert taken.frames == 2
+    at = {"ranges": np.array([20.0, 30.0]), "frequency_ghz": np.float64(340), "seed": np.int64(1)}
+    answer = thzcl.detection_range(
+        thzcl.Scene.from_dict(tables), "box", **at, air=np.int64(10), settings=few, folder=tmp_path
+    )
+    assert answer.question.frequency_ghz == (340.0,)
+    with pytest.raises(ScenarioError, match=r"absent\.png"):
+        pipeline.prepare("figure8", {"targets.subject.image": Path("absent.png")})
+
+
+def test_one_variant_may_be_named_alone():
+    few = {"camera.pixels": [8, 6], "atmosphere.fluctuations.grid": 16}
+    found = pipeline.prepare("figure6", few, "(a) 263 K")
+    assert [one.name for one in found.variants] == ["(a) 263 K"]
+
+
+@pytest.mark.parametrize(
+    ("source", "settings", "message"),
+    [
+        (None, {}, "NoneType is no scene; give a file"),
+        (3, {}, "int is no scene; give a file"),
+        ("quick", ["a=1"], "settings: must map keys to values"),
+        ("quick", {3: 1}, "settings: the key 3 is no text"),
+        ("quick", {"sensor.frequency_ghz": 1j}, "complex is no value of TOML"),
+    ],
+)
+def test_what_is_no_scene_and_no_setting_is_refused_in_words(source, settings, message):
+    with pytest.raises(ScenarioError, match=message):
+        thzcl.run(source, settings=settings)
 
 
 def test_paths_in_a_scene_of_no_file_start_from_a_folder():
@@ -92,6 +143,7 @@ def test_what_leaves_the_rays_is_not_traced_again(device, name):
     assert due.voxel_segments > 0
     if name != "taken away":  # other surfaces, other rays
         assert changed.voxel_segments == 0 and "trace" not in changed.seconds
+        assert changed.warnings == due.warnings
     assert thzcl.run(source.Scene(changed.scenario_toml), device=device, settings=SMALL).variants
 
 
@@ -112,6 +164,8 @@ def test_what_changes_rays_or_air_is_traced_again(device, name):
     )
     assert changed.voxel_segments == due.voxel_segments > 0
     assert np.array_equal(changed.variants[0].image.values, due.variants[0].image.values)
+    why = "the settings change the air, the rays, or what the air sends along them"
+    assert changed.warnings == (*due.warnings, f"the air was traced anew: {why}")
 
 
 def test_rays_that_may_have_ended_in_the_air_are_not_taken_for_clearer_air(device):
@@ -122,6 +176,53 @@ def test_rays_that_may_have_ended_in_the_air_are_not_taken_for_clearer_air(devic
     due = thzcl.run("quick", settings=opaque | {"sensor.frequency_ghz": 340}, device=device)
     assert np.array_equal(changed.variants[0].image.values, due.variants[0].image.values)
     assert changed.voxel_segments == due.voxel_segments
+    assert "rays had ended in air that lets less through" in changed.warnings[-1]
+
+
+def test_rays_that_ended_in_clearer_air_serve_for_air_that_lets_less_through(device):
+    opaque = SMALL | {"sensor.frequency_ghz": 556.9}
+    first = thzcl.run("quick", settings=SMALL | opaque, device=device, figure=False)
+    lines = first.with_settings({"sensor.frequency_ghz": 556.95}, figure=False)
+    back = lines.with_settings({"sensor.frequency_ghz": 556.9}, figure=False)
+    assert first.voxel_segments > 0 and back.voxel_segments == 0
+    paths = [v for v in first.kept.held.values.values() if isinstance(v, Paths)]
+    assert paths[0].guarded and len(paths) == 2 - (lines.voxel_segments == 0)
+
+
+def test_more_moments_than_were_traced_are_traced_anew(device):
+    few = SMALL | {"numerics.moments": 1, "numerics.ray_stride": 1}
+    first = thzcl.run("quick", settings=few, device=device, figure=False)
+    changed = first.with_settings({"numerics.moments": 3}, figure=False)
+    due = thzcl.run("quick", settings=few | {"numerics.moments": 3}, device=device, figure=False)
+    assert np.array_equal(changed.variants[0].image.values, due.variants[0].image.values)
+    assert "3 moments of the humidity are needed, and 1 were traced" in changed.warnings[-1]
+    fewer = changed.with_settings({"numerics.moments": 2}, figure=False)
+    assert fewer.voxel_segments == 0
+
+
+def test_what_results_hold_has_a_limit_and_the_oldest_gives_way(device, monkeypatch):
+    """Of all results together; one that gave way traces anew and says so."""
+    first = thzcl.run("quick", settings=SMALL, device=device, figure=False)
+    assert first.kept.held.size > 0
+    monkeypatch.setattr(pipeline, "HELD_SHARE", 0.0)
+    none = thzcl.run("quick", settings=SMALL, device=device, figure=False)
+    assert none.kept.held.size == first.kept.held.size == 0
+    for result in (none, first):
+        again = result.with_settings({"sensor.frequency_ghz": 340}, figure=False)
+        assert again.voxel_segments > 0
+        assert "what was traced before had no room any more" in again.warnings[-1]
+
+
+def test_a_result_that_is_deleted_holds_nothing(device):
+    result = thzcl.run("quick", settings=SMALL, device=device, figure=False)
+    held = weakref.ref(result.kept.held)
+    other = result.with_settings({"sensor.frequency_ghz": 340}, figure=False)
+    del result
+    gc.collect()
+    assert held() is other.kept.held
+    del other
+    gc.collect()
+    assert held() is None
 
 
 def test_chosen_variants_averages_and_copies(device):
@@ -131,7 +232,9 @@ def test_chosen_variants_averages_and_copies(device):
     changed = first.with_settings({"sensor.frequency_ghz": 340}, figure=False)
     assert [one.name for one in changed.variants] == ["(a) 263 K"]
     mean = changed.with_settings({"numerics.realizations": 2}, figure=False)
-    assert mean.kept.held is None and mean.with_settings({}, figure=False).voxel_segments > 0
+    again = mean.with_settings({}, figure=False)
+    assert again.voxel_segments > 0 and "means over realizations" in again.warnings[-1]
+    assert mean.with_settings({"numerics.realizations": 1}, figure=False).voxel_segments == 0
     there = copy.deepcopy(first)
     assert there.kept is None and there.with_settings({}, figure=False).voxel_segments > 0
     bare = thzcl.run("quick", settings=SMALL, device=device, figure=False, keep=False)
@@ -202,4 +305,6 @@ def test_files_that_hold_no_result_are_refused(tmp_path):
 
 def test_a_result_shows_itself(device):
     result = thzcl.run("quick", settings=SMALL, device=device)
+    assert repr(result) == "<thzcl.Result of quick: 1 image of 16 x 12 pixels>"
+    assert "data:image/png;base64," in result._repr_html_()
     assert result._repr_png_().startswith(b"\x89PNG") and "<table>" in result._repr_html_()

@@ -11,6 +11,7 @@ from collections.abc import Callable, Collection, Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from itertools import chain, pairwise
 from typing import Any, ClassVar, NamedTuple, Protocol, TypeVar, cast, dataclass_transform
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
@@ -167,12 +168,57 @@ def rewrite(
     return tuple(new[spec] for spec in wanted)
 
 
-@dataclass
 class Held:
-    """Values of specs of some classes that outlive an evaluation, for another to read."""
+    """Values of specs of some classes that outlive an evaluation, for others to read.
 
-    classes: tuple[type[Spec], ...]
-    values: dict[Spec, Any] = field(default_factory=dict)
+    All that one process holds takes at most `most_bytes`; what was held first gives way.
+    """
+
+    everyone: ClassVar[WeakKeyDictionary[Held, None]] = WeakKeyDictionary()  # the oldest first
+
+    def __init__(self, classes: tuple[type[Spec], ...] = ()) -> None:
+        self.classes = classes
+        self.values: dict[Spec, Any] = {}
+        self.most_bytes = 0
+        self.lost: set[Spec] = set()  # those whose values gave way, or found no room
+
+    @property
+    def size(self) -> int:
+        """Returns the bytes of the values."""
+        return sum(map(_size, self.values))
+
+    def make_room(self, wanted: Iterable[Spec], most_bytes: int) -> None:
+        """Sets what may be held, and drops what is in the way of the specs of a graph.
+
+        Values that the graph reads stay, but for those that exceed `most_bytes` by themselves.
+        """
+        self.most_bytes = most_bytes
+        self.everyone.setdefault(self)
+        specs = [spec for spec in everything(wanted) if isinstance(spec, self.classes)]
+        room = most_bytes - sum(map(_size, specs))
+        idle = [(one, spec) for one in self.everyone for spec in one.values]
+        idle = [(one, spec) for one, spec in idle if one is not self or spec not in specs]
+        over = sum(_size(spec) for _, spec in idle) - room
+        for one, spec in idle:
+            if over <= 0:
+                return
+            over -= _size(spec)
+            del one.values[spec]
+            one.lost.add(spec)
+
+    def add(self, spec: Spec, value: Any) -> bool:
+        """Returns whether a value is held from now on, which takes a class to hold and room."""
+        if not isinstance(spec, self.classes):
+            return False
+        if sum(one.size for one in self.everyone) + _size(spec) > self.most_bytes:
+            self.lost.add(spec)
+            return False
+        self.values[spec] = value
+        return True
+
+
+def _size(spec: Spec) -> int:
+    return sum(spec.memory().held)
 
 
 @dataclass
@@ -200,8 +246,7 @@ class _Work:
                 result = spec.run(self.device, **inputs)
                 self.device.finish()
             self.runs[type(spec).__name__] += 1
-            if isinstance(spec, self.held.classes):
-                self.held.values[spec] = result
+            if self.held.add(spec, result):
                 return result
             self.memo[spec] = result
         return self.memo[spec]
@@ -236,7 +281,7 @@ def evaluate(
     """
     memo: dict[Spec, Any] = {}
     clock, runs = clock or Clock(), Counter() if runs is None else runs
-    held = held or Held(())
+    held = held or Held()
     for batch, following in pairwise(chain(batches, [()])):
         work = _Work(device, clock, runs, memo, everything(following), held)
         for spec in everything(batch, memo.keys() | held.values.keys()):

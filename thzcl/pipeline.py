@@ -14,7 +14,7 @@ from thzcl.air.expansion import Expansion
 from thzcl.clock import Clock, Progress
 from thzcl.error.budget import Part, worst
 from thzcl.errors import NumbersError, ScenarioError
-from thzcl.graph import Held, evaluate
+from thzcl.graph import Held, Spec, evaluate, everything, peak
 from thzcl.paths.specs import EmissionSpec, TraceSpec, served
 from thzcl.plan import checks, report
 from thzcl.plan.plan import Plan, make_plan
@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from thzcl.device.opencl import Device
 
 COSTLY = (TraceSpec, EmissionSpec, *get_args(AnyField))  # what a result keeps for with_settings
+HELD_SHARE = 0.25  # of the device's memory, that all results together may keep for that
 USUAL_TOLERANCE = 1e-3  # error relative to the contrast that no scene needs to bear unsaid
 
 
@@ -46,7 +47,7 @@ class Kept:
     allow_outside: bool
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Result(results.Result):
     """The result of a run, from which others with other settings can be made."""
 
@@ -68,8 +69,9 @@ class Result(results.Result):
 
         Another frequency, absorption model, sensor, noise or surface temperature needs no new
         trace, nor does anything else that leaves rays and cube as they are; what does is traced
-        anew. So is a result that was loaded, copied, made with keep = False or averaged over
-        realizations. None takes a key away. Raises what thzcl.run raises.
+        anew, and `warnings` then say so and why. So is a result that was loaded, copied, made with
+        keep = False or averaged over realizations. None takes a key away. `variants` picks some by
+        name; by default they are those of this result. Raises what thzcl.run raises.
 
         >>> import thzcl
         >>> result = thzcl.run("quick", settings={"camera.pixels": [4, 3]})
@@ -94,7 +96,8 @@ def prepare(
     problem at once, or PluginFailure if a sensor fails.
     """
     document = documents.read(source, settings, seed)
-    parsed = documents.parse(document, variants, allow_outside=allow_outside)
+    names = documents.chosen(variants)
+    parsed = documents.parse(document, names, allow_outside=allow_outside)
     plan = make_plan(parsed)
     checks.together(document, plan)
     return plan
@@ -127,24 +130,30 @@ def run(
     `device` is a number, a part of a name, or a device that thzcl.open_device has opened. `figure`
     says whether a picture will be wanted, and `allow_outside` whether pictures and tables may lie
     outside the scenario's folder. Unless `keep` is False, what was traced stays on the device as
-    long as the result lives, for Result.with_settings. No file is written: see Result.save and
+    long as the result lives, for Result.with_settings; in a quarter of the device's memory at most,
+    where the oldest results give way. No file is written: see Result.save and
     Result.figure. Raises ScenarioError for bad input, DeviceError without a usable device,
     PluginFailure and NumbersError if a sensor fails.
     """
     clock = Clock(progress)
     with clock.stage("plan"):
         plan = prepare(source, settings, variants, allow_outside=allow_outside)
-    if plan.frames:
-        text = "[sequence] has frames, which are written as they come: call thzcl.sequence"
-        raise ScenarioError([f"{plan.scenario.name}: {text}"])
+        _refuse_frames(plan)
     with clock.stage("device"):
         from thzcl.device.choose import open_device
         from thzcl.device.opencl import Device
 
         opened = device if isinstance(device, Device) else open_device(device)
-    held = Held(COSTLY) if keep and plan.realizations == 1 else None
+    held = Held(COSTLY) if keep else None
     result = compute_images(plan, opened, clock, figure=figure, held=held)
     return replace(result, kept=Kept(opened, held, allow_outside))
+
+
+def _refuse_frames(plan: Plan) -> None:
+    """Raises ScenarioError for a scene that is a sequence."""
+    if plan.frames:
+        text = "[sequence] has frames, which are written as they come: call thzcl.sequence"
+        raise ScenarioError([f"{plan.scenario.name}: {text}"])
 
 
 def _again(
@@ -159,16 +168,41 @@ def _again(
     kept = first.kept
     names = tuple(variant.name for variant in first.variants)
     scene = Scene(first.scenario_toml, Path(first.scenario_folder), first.scenario, names)
-    asked: dict[str, Any] = {"settings": settings, "variants": variants, "figure": figure}
-    if kept is None or kept.held is None:
-        device, outside = (kept.device, kept.allow_outside) if kept else (None, False)
-        return run(scene, **asked, device=device, allow_outside=outside, progress=progress)
+    if kept is None:
+        asked: dict[str, Any] = {"settings": settings, "variants": variants, "figure": figure}
+        return _told_anew(run(scene, **asked, progress=progress), "a file or a copy holds no paths")
     clock = Clock(progress)
     with clock.stage("plan"):
         plan = prepare(scene, settings, variants, allow_outside=kept.allow_outside)
-    held = Held(COSTLY, dict(kept.held.values)) if plan.realizations == 1 else None
-    found = compute_images(plan, kept.device, clock, figure=figure, held=held)
-    return replace(found, kept=replace(kept, held=held))
+        _refuse_frames(plan)
+        why = _lacking(plan, kept)
+    found = compute_images(plan, kept.device, clock, figure=figure, held=kept.held)
+    return _told_anew(replace(found, kept=kept), why)
+
+
+def _lacking(plan: Plan, kept: Kept) -> str:
+    """Returns why a plan must be traced anew, in words, if it must."""
+    if plan.realizations > 1:
+        return "means over realizations hold no paths"
+    if kept.held is None:
+        return "the first was made with keep = False"
+    batch = plan.batch()
+    lacking = served(batch, kept.held, kept.device).lacking
+    if not lacking and {*map(_kin, kept.held.lost)} & {*map(_kin, everything(batch))}:
+        lacking = "what was traced before had no room any more"
+    return lacking or "the settings change the air, the rays, or what the air sends along them"
+
+
+def _kin(spec: Spec) -> Spec:
+    """Returns a key, which is equal for paths of the same rays through the same cube."""
+    return spec.kin() if isinstance(spec, TraceSpec) else spec
+
+
+def _told_anew(result: Result, why: str) -> Result:
+    """Returns a result that tells among its warnings that its air was traced anew, if it was."""
+    if not result.voxel_segments:
+        return result
+    return replace(result, warnings=(*result.warnings, f"the air was traced anew: {why}"))
 
 
 def compute_images(
@@ -177,13 +211,18 @@ def compute_images(
     """Returns the images of a plan, computed on an open device; `clock` measures the stages.
 
     `figure` says whether a picture will be wanted. What is `held` serves where it can, and what is
-    traced is added to it. Raises ScenarioError if the device's memory is too small, and
-    NumbersError if a sensor fails.
+    traced is added to it, unless the plan has several realisations. Raises ScenarioError if the
+    device's memory is too small, and NumbersError if a sensor fails.
     """
     checks.memory(plan, device)
-    wanted = (plan.batch(n) for n in range(plan.realizations))
+    wanted: Iterable[tuple[Spec, ...]] = (plan.batch(n) for n in range(plan.realizations))
+    if plan.realizations > 1:
+        held = None
     if held is not None:
-        wanted = (served(batch, held, device) for batch in wanted)
+        batch = served(plan.batch(), held, device).specs
+        left = device.memory_bytes - peak(batch)[0]
+        held.make_room(batch, max(0, min(int(HELD_SHARE * device.memory_bytes), left)))
+        wanted = [batch]
     batches = evaluate(wanted, device, clock, held=held)
     return images_of(plan, batches, device, clock, figure=figure)
 

@@ -15,7 +15,7 @@ def devices() -> list[DeviceInfo]:
     return [info for _, info in raw_devices()]
 
 
-def open_device(choice: str | None = None) -> Device:
+def open_device(choice: str | int | None = None) -> Device:
     """Returns the chosen device, ready for kernels.
 
     `choice` is a number; or part of a platform's name, or of a device's name or kind; or
@@ -28,7 +28,7 @@ def open_device(choice: str | None = None) -> Device:
     if not found:
         pocl.refuse_without_memory()  # it shows no device then
         raise DeviceError(kernels.problem or "OpenCL sees no device; run `thzcl doctor`")
-    info = chosen([info for _, info in found], choice)
+    info = chosen([info for _, info in found], None if choice is None else str(choice))
     raw = found[info.number][0]
     if info.platform == pocl.PLATFORM:
         pocl.give_name(raw)

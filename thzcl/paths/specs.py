@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import field as dataclass_field
 from dataclasses import replace
 from functools import reduce
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.polynomial import Polynomial
@@ -37,6 +37,7 @@ from thzcl.turbulence.cube import Field
 from thzcl.turbulence.fields import AnyField
 
 AnyEnds = EndsSpec | OutgoingSpec
+_COMPARED = 33  # humidities at which two absorptions are compared
 _ISOTHERMAL = LeftOut("isothermal air: emission follows from optical depth")
 
 
@@ -124,7 +125,7 @@ class TraceSpec(Spec):
         else:
             thinned = self.stride, self.targets.array, self.planned_segments
             paths = trace_thinned(device, ends, medium, moments, guard, *thinned)
-        paths = replace(paths, guarded=guard is not None)
+        paths = replace(paths, guarded=guard is not None and trace.ended(paths, ends))
         return paths if large is None else large.added(device, paths)
 
     def kin(self) -> TraceSpec:
@@ -291,23 +292,77 @@ def joined(wanted: Iterable[Spec]) -> tuple[Any, ...]:
     return rewrite(wanted, lambda spec: joint.get(spec, spec))
 
 
-def served(wanted: Iterable[Spec], held: Held, device: Device) -> tuple[Any, ...]:
+class Served(NamedTuple):
+    """The wanted specs of a graph, and in words why paths that are held do not serve it."""
+
+    specs: tuple[Any, ...]
+    lacking: str
+
+
+def served(wanted: Iterable[Spec], held: Held, device: Device) -> Served:
     """Returns the wanted specs of the graph in which held paths stand for those that they serve.
 
-    A path serves another if it was traced for the same rays and cube, at least as closely, all the
-    way to what its rays meet, and with as many moments as the other's expansions need.
+    A path serves another if it was traced for the same rays and cube, at least as closely, with as
+    many moments as the other's expansions need, and was not cut off where the other would go on.
     """
     wanted = tuple(wanted)
-    known = {path.kin(): path for path in held.values if isinstance(path, TraceSpec)}
     instead: dict[Spec, TraceSpec] = {}
-    for path in everything(wanted):
-        if not isinstance(path, TraceSpec) or path.kin() not in known:
+    lacking = ""
+    for path in everything(wanted, held.values):
+        if not isinstance(path, TraceSpec):
             continue
-        other = known[path.kin()]
-        traced: Paths = held.values[other]
-        if traced.guarded or other.stride > path.stride:
-            continue
-        (fits,) = evaluate([(*path.serves, *path.also)], device, held=held)
-        if max(fit.moments for fit in fits) <= traced.moments.shape[0]:
-            instead[path] = other
-    return rewrite(wanted, lambda spec: instead.get(spec, spec))
+        for other in _kin(path, held):
+            why = _lacking(path, other, held, device)
+            if not why:
+                instead[path] = other
+                break
+            lacking = lacking or why
+    return Served(rewrite(wanted, lambda spec: instead.get(spec, spec)), lacking)
+
+
+def _kin(path: TraceSpec, held: Held) -> list[TraceSpec]:
+    """Returns the paths that are held of the same rays through the same cube."""
+    kin = path.kin()
+    traces = (one for one in held.values if isinstance(one, TraceSpec))
+    return [one for one in traces if one.kin() == kin]
+
+
+def _lacking(path: TraceSpec, other: TraceSpec, held: Held, device: Device) -> str:
+    """Returns what a path that is held lacks to stand for another, in words; empty if nothing."""
+    if other.stride > path.stride:
+        return f"of the rays every {other.stride}th both ways was traced, not all that are needed"
+    traced: Paths = held.values[other]
+    sets = path.serves, (*path.serves, *path.also), other.serves
+    fits, every, earlier = (_fits(specs, held, device) for specs in sets)
+    moments, needed = traced.moments.shape[0], max(fit.moments for fit in every)
+    if needed > moments:
+        return f"{needed} moments of the humidity are needed, and {moments} were traced"
+    if traced.guarded and not _ends_before(fits, path.cutoff, earlier, other.cutoff):
+        return "rays had ended in air that lets less through"
+    return ""
+
+
+def _fits(specs: tuple[ExpansionSpec, ...], held: Held, device: Device) -> tuple[Expansion, ...]:
+    """Returns the expansions of some specs, in cubes that are held."""
+    (fits,) = evaluate([specs], device, held=held)
+    return fits
+
+
+def _ends_before(
+    fits: Iterable[Expansion], cutoff: float, earlier: Iterable[Expansion], depth: float
+) -> bool:
+    """Returns whether rays end by some expansions at a `cutoff` wherever they did by earlier ones.
+
+    `depth` is the cut-off of the earlier ones.
+    """
+    fits, earlier = list(fits), list(earlier)
+    if not fits or not earlier:
+        return False
+    low = min(fit.humidity_span[0] for fit in (*fits, *earlier))
+    high = max(fit.humidity_span[1] for fit in (*fits, *earlier))
+    delta = np.linspace(low, high, _COMPARED)
+    now, then = (
+        np.min([fit.absorption(delta).min(axis=0) for fit in some], axis=0)
+        for some in (fits, earlier)
+    )
+    return bool((now / cutoff >= then / depth).all())

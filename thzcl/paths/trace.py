@@ -191,6 +191,11 @@ def trace(
     return Paths(path_length, surface, ends.facing, out, every_ray(ends))
 
 
+def ended(paths: Paths, ends: RayEnds) -> bool:
+    """Returns whether some ray ended in the air, at the cut-off depth, before its surface."""
+    return bool((paths.path_length.host() < ends.path_length.host()).any())
+
+
 def every_ray(ends: RayEnds) -> NDArray[np.bool_]:
     """Returns false for every ray, (ray,): none of them is interpolated."""
     return np.broadcast_to(np.False_, (ends.rays,))

@@ -16,7 +16,7 @@ from thzcl.results.netcdf import PLANE, REFERENCE, VOXELS
 from thzcl.scenario.document import frozen
 from thzcl.scenario.scene import Output
 from thzcl.scenario.text import load as load_toml
-from thzcl.sensor import Echoes, Image, Layer, Radiances
+from thzcl.sensor import Decibels, Echoes, Image, Layer, Radiances
 from thzcl.turbulence.lattice import Lattice
 
 # What a result's file holds of each pixel beside the sensor's image and its layers.
@@ -31,8 +31,8 @@ SEEN = frozenset(
 def fields(path: Path) -> dict[str, Any]:
     """Returns the fields of Contents of a result file. Raises FileError.
 
-    Values are as exact as the file holds them. What it does not hold is NaN: what returns to an
-    active sensor, and solid angles.
+    Values are as exact as the file holds them. What it does not hold is NaN, or None: what returns
+    to an active sensor, the contrast of radiance by models to compare with, cosines, and weights.
     """
     with open_netcdf(path, RESULT) as file:
         return _Stored(path, file).fields()
@@ -119,7 +119,12 @@ class _Stored:
     def _sight(self, number: int, row: int, depth: Array, planes: list[int]) -> Radiances | Echoes:
         """Returns what reached the pixels at those frequencies at which a model is valid."""
         length, target = (self._each(name, 2)[number] for name in ("path_length", "target"))
-        kept = depth[planes], length, target, None, np.nan
+        told = self.reference["pixels"][number]
+        kept = depth[planes], length, target, None, told["solid_angle"]
+        angles = {
+            "pixel_angle_rad": tuple(told["angle_rad"]),
+            "integration_time_s": told["integration_time_s"],
+        }
         hz = self._frequencies()[number][planes] * 1e9
         bounds = None
         if "frequency_bounds" in self.file:
@@ -127,7 +132,7 @@ class _Stored:
         if "brightness_temperature_contrast" not in self.file:
             nothing = np.full(depth[planes].shape, np.nan)
             away = np.full(length.shape, np.nan)
-            return Echoes(hz, *kept, hz, None, nothing, away, bounds_hz=bounds)
+            return Echoes(hz, *kept, hz, None, nothing, away, bounds_hz=bounds, **angles)
         air = self.reference["air"][number]
         kelvin = self._of_model("brightness_temperature_contrast", number, row)[planes]
         base = np.array(air["radiance"])[planes]
@@ -136,7 +141,7 @@ class _Stored:
         if row:
             contrast = np.full(kelvin.shape, np.nan)  # the file has the image's own alone
         air_k = air["temperature_k"]
-        sight = Radiances(hz, *kept, hz, None, contrast, base, air_k, bounds_hz=bounds)
+        sight = Radiances(hz, *kept, hz, None, contrast, base, air_k, bounds_hz=bounds, **angles)
         sight.__dict__["brightness_temperature_contrast"] = kelvin  # as stored
         return sight
 
@@ -150,8 +155,9 @@ class _Stored:
                 flags = tuple(_text(one.attrs.get("flag_meanings", "")).split())
                 layers[name] = Layer(one[number], *self._told(name), flags)
         words = self.reference["captions"][number]
-        values = self.file["image"][number]
-        return Image(values, *self._told("image"), layers, facts, caption=words)
+        values, of = self.file["image"][number], self.reference["decibels"][number]
+        decibels = None if of is None else Decibels(*of)
+        return Image(values, *self._told("image"), layers, facts, decibels, words)
 
     def _is_plane(self, variable: Any) -> bool:
         """Returns whether a variable of three dimensions is one over the pixels of variants."""

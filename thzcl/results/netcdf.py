@@ -104,11 +104,26 @@ def _reference(result: Contents) -> dict[str, Any]:
             {"temperature_k": one.air_temperature_k, "radiance": one.air_radiance.tolist()}
             for one in passive
         ],
+        "pixels": [
+            {
+                "angle_rad": one.sight.pixel_angle_rad,
+                "solid_angle": one.sight.pixel_solid_angle,
+                "integration_time_s": one.sight.integration_time_s,
+            }
+            for one in result.variants
+        ],
+        "decibels": [_decibels(one.image) for one in result.variants],
         "targets": result.targets,
         "resolution_cells": [one.cell for one in result.variants],
         "conditions": result.conditions,
         "captions": [one.image.caption if one.image else "" for one in result.variants],
     }
+
+
+def _decibels(image: Image | None) -> tuple[str, float] | None:
+    """Returns the layer that an image in decibels is made of and its reference, or None."""
+    of = image.decibels if image else None
+    return None if of is None else (of.layer, of.reference)
 
 
 def _summary(result: Contents) -> dict[str, str]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -21,8 +22,9 @@ class Result(Contents):
     def load(cls, path: str | Path) -> Result:
         """Returns the result that a file holds, as exact as it holds it: in float32 mostly.
 
-        What files do not hold is NaN: what comes back to an active sensor before it is turned into
-        an image, and solid angles. Raises FileError.
+        What files do not hold is NaN, or None: what comes back to an active sensor before it is
+        turned into an image, the contrast of radiance by models to compare with, cosines, and the
+        weights of bands. Raises FileError.
 
         >>> import thzcl
         >>> path = thzcl.run("quick", settings={"camera.pixels": [4, 3]}).save("quick.nc")
@@ -64,8 +66,8 @@ class Result(Contents):
 
         return picture(self, self.width_mm)  # type: ignore[no-any-return]
 
-    def _repr_png_(self) -> bytes:
-        """Returns the picture for notebooks."""
+    @cached_property
+    def _png(self) -> bytes:
         from io import BytesIO
 
         from thzcl.results.figure import draw
@@ -73,6 +75,10 @@ class Result(Contents):
         file = BytesIO()
         draw(self, file, "png", self.width_mm)
         return file.getvalue()
+
+    def _repr_png_(self) -> bytes | None:
+        """Returns the picture for notebooks, which is drawn once; None if the sensor failed."""
+        return self._png if all(variant.image for variant in self.variants) else None
 
     def to_xarray(self) -> xarray.Dataset:
         """Returns the contents of the result file as an xarray dataset.
@@ -92,5 +98,12 @@ class Result(Contents):
         return summary.summary(self)
 
     def _repr_html_(self) -> str:
-        """Returns a short table for notebooks."""
-        return summary.html(self)
+        """Returns the picture and a short table for notebooks."""
+        return summary.html(self, self._repr_png_())
+
+    def __repr__(self) -> str:
+        """Returns the scene's name, and how many images of what size there are."""
+        height, width = self.variants[0].sight.target.shape
+        images = len(self.variants)
+        count = f"{images} image{'' if images == 1 else 's'}"
+        return f"<thzcl.Result of {self.scenario}: {count} of {width} x {height} pixels>"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from base64 import b64encode
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from html import escape
@@ -198,8 +199,11 @@ def seeds_in_words(seed: int, noise_seed: int | None) -> str:
     return f"seed {seed}, noise seed {noise_seed}" if own else f"seed {seed}"
 
 
-def html(result: Contents) -> str:
-    """Returns a short table of the targets, for notebooks."""
+def html(result: Contents, picture: bytes | None) -> str:
+    """Returns a picture in PNG and a short table of the targets, for notebooks.
+
+    Notebooks that show HTML show no other form beside it.
+    """
     head = ("variant", "frequency", "target", "pixels", "contrast to air", "transmission", "path")
     told = [of_variant(variant, result) for variant in result.variants]
     rows = [
@@ -220,8 +224,11 @@ def html(result: Contents) -> str:
     top, *below = ([row[n] for n in shown] for row in (head, *rows))
     body = "".join(_row("td", row) for row in below)
     seeds = seeds_in_words(result.seed, result.noise_seed)
+    drawn = b64encode(picture or b"").decode("ascii")
+    image = f'<img alt="{escape(result.scenario)}" src="data:image/png;base64,{drawn}">'
+    image = image if picture else ""
     return (
-        f"<h4>{escape(result.scenario)}</h4><p>{escape(result.device)}, {seeds}</p>"
+        f"<h4>{escape(result.scenario)}</h4>{image}<p>{escape(result.device)}, {seeds}</p>"
         f"<table>{_row('th', top)}{body}</table>"
     )
 

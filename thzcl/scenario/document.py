@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from copy import deepcopy
 from dataclasses import dataclass, replace
 from functools import partial
+from os import PathLike
 from pathlib import Path
 from typing import Any
 
@@ -145,6 +146,7 @@ def read(
     name none; if it is None too, one is drawn. Raises ScenarioError if there is no
     such file, it is not TOML, or a setting cannot be made.
     """
+    _refuse_no_settings(settings)
     tables = isinstance(source, Mapping)
     if isinstance(source, Mapping):
         source = scenes.Scene.from_dict(source)
@@ -154,6 +156,9 @@ def read(
             source.name,
             scenes.Text(source.text, source.folder, source.made),
         )
+    elif not isinstance(source, str | PathLike):
+        text = "give a file, the name of a shipped scene, tables, or a thzcl.Scene"
+        raise ScenarioError([f"{type(source).__name__} is no scene; {text}"])
     else:
         path = scenes.find(source)
         label, name, given = str(path), path.stem, scenes.text_of(path)
@@ -167,6 +172,27 @@ def read(
     name = name.encode("utf-8", "surrogateescape").decode("utf-8", "replace")
     lines = {} if tables else line_numbers(text)
     return Document(name, label, folder, data, lines, changed, made)
+
+
+def name_of(source: Source) -> str:
+    """Returns the name that a scenario has, before it is read."""
+    if isinstance(source, Mapping):
+        return scenes.Scene.name
+    return source.name if isinstance(source, scenes.Scene) else Path(source).stem
+
+
+def chosen(variants: str | Sequence[str]) -> tuple[str, ...]:
+    """Returns the names of variants, of which one alone may be given as it is."""
+    return (variants,) if isinstance(variants, str) else tuple(variants)
+
+
+def _refuse_no_settings(settings: Any) -> None:
+    """Raises ScenarioError unless settings map dotted keys to values, or are None."""
+    if settings is not None and not isinstance(settings, Mapping):
+        raise ScenarioError(['settings: must map keys to values, {"sensor.frequency_ghz": 340}'])
+    wrong = next((name for name in settings or {} if not isinstance(name, str)), None)
+    if wrong is not None:
+        raise ScenarioError([f"settings: the key {wrong!r} is no text; write keys in quotes"])
 
 
 def changed(

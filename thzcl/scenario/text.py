@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from datetime import date, datetime, time
+from pathlib import PurePath
 from typing import Any
 
 import numpy as np
@@ -48,7 +49,7 @@ def dumps(data: Mapping[str, Any]) -> str:
 
 
 def plain(value: Any, deepest: int = DEEPEST) -> Any:
-    """Returns a value in TOML's own types: scalars and arrays of NumPy and tuples are converted.
+    """Returns a value in TOML's own types, into which NumPy's, tuples, ranges and paths are turned.
 
     Keys of a table whose value is None are left out. Raises ValueError for what TOML cannot hold.
     """
@@ -56,12 +57,14 @@ def plain(value: Any, deepest: int = DEEPEST) -> Any:
         raise ValueError(_TOO_DEEP)
     if isinstance(value, np.ndarray | np.generic):
         value = value.tolist()
+    if isinstance(value, PurePath):
+        value = str(value)
     if isinstance(value, Mapping):
         table = {name: part for name, part in value.items() if part is not None}
         if not all(isinstance(name, str) for name in table):
             raise ValueError("a key is no text; write keys in quotes")
         return {name: plain(part, deepest - 1) for name, part in table.items()}
-    if isinstance(value, list | tuple):
+    if isinstance(value, list | tuple | range):
         return [plain(part, deepest - 1) for part in value]
     if isinstance(value, int) and not -(2**63) <= value < 2**63:
         raise ValueError(_TOO_LONG)

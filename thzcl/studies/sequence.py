@@ -42,13 +42,13 @@ class SequenceResult:
     files: tuple[Path, ...]
 
 
-def is_sequence(source: str | Path, settings: Mapping[str, Any] | None = None) -> bool:
+def is_sequence(source: documents.Source, settings: Mapping[str, Any] | None = None) -> bool:
     """Returns whether a scene has frames. Raises ScenarioError if it cannot be read."""
     return "sequence" in documents.read(source, settings).data
 
 
 def sequence(
-    source: str | Path,
+    source: documents.Source,
     path: str | Path,
     *,
     settings: Mapping[str, Any] | None = None,

@@ -12,6 +12,7 @@ import re
 import secrets
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
+from operator import index
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -183,7 +184,7 @@ def _number(value: float) -> float | None:
 
 
 def detection_range(
-    source: str | Path,
+    source: documents.Source,
     target: str,
     *,
     ranges: str | Sequence[float] | None = None,
@@ -210,9 +211,9 @@ def detection_range(
     ScenarioError for what cannot be asked, DeviceError without a usable device.
     """
     _refuse(probability, false_alarm, air, observer)
-    seed = _seed(folder, source, seed)
+    seed = _seed(folder, documents.name_of(source), None if seed is None else index(seed))
     document = documents.read(source, settings, seed)
-    base = Base.of(document, tuple(variants), target, allow_outside)
+    base = Base.of(document, documents.chosen(variants), target, allow_outside)
     wanted = _frequencies(base, frequency_ghz)
     by_hand = ranges is not None
     places, notes = _places(
@@ -231,12 +232,12 @@ def detection_range(
     return RangeResult(asked, curves, (*notes, *_notes(asked, curves)))
 
 
-def _seed(folder: str | Path | None, source: str | Path, seed: int | None) -> int:
+def _seed(folder: str | Path | None, name: str, seed: int | None) -> int:
     """Returns the seed that is given, or that of what the folder holds, or a new one."""
     if seed is not None:
         return seed
     if folder is not None:
-        path = Path(folder) / f"{Path(source).stem}-range" / "seed"
+        path = Path(folder) / f"{name}-range" / "seed"
         if path.is_file() and _SEED.fullmatch(text := read_text(path, RECORD).strip()):
             return int(text)
     return secrets.randbits(32)
@@ -258,8 +259,9 @@ def _refuse(probability: float, false_alarm: float, air: int, observer: str) -> 
 def _list(values: str | Sequence[float], option: str) -> tuple[float, ...]:
     """Returns values above 0, ascending, each once. Raises UsageError."""
     try:
-        found = numbers(values) if isinstance(values, str) else np.asarray(values, np.float64)
-    except ValueError as error:
+        given = numbers(values) if isinstance(values, str) else np.asarray(values, np.float64)
+        found = np.atleast_1d(given)
+    except (TypeError, ValueError) as error:
         raise UsageError(f"{option}: {error}") from None
     if not found.size or not np.isfinite(found).all() or found.min() <= 0:
         raise UsageError(f"{option}: give values above 0")

@@ -8,10 +8,12 @@ from itertools import product
 from math import prod
 from typing import Any
 
+import numpy as np
 import tomli
 
 from thzcl.air.spectrum import values as numbers
 from thzcl.errors import UsageError
+from thzcl.scenario.text import plain
 
 RANGE = "range_m"  # the key of a target that only studies know
 
@@ -76,9 +78,10 @@ def _axis(name: str, values: Any, place: str) -> Axis:
         raise UsageError(f"{place}: an empty key; write a,b=1:2,3:4 for two keys that pair")
     if isinstance(values, str):
         found = _from_text(values, len(keys), place)
-    elif isinstance(values, list | tuple):
+    elif _is_list(values) or isinstance(values, np.ndarray | range):
         found = [
-            tuple(value) if len(keys) > 1 and _is_list(value) else (value,) for value in values
+            tuple(value) if len(keys) > 1 and _is_list(value) else (value,)
+            for value in _plain(values, place)
         ]
     else:
         raise UsageError(f'{place}: must be a list of values, or "start:stop:step"')
@@ -89,6 +92,15 @@ def _axis(name: str, values: Any, place: str) -> Axis:
         text = f"{len(wrong)} of {len(keys)} values in {':'.join(map(str, wrong))}"
         raise UsageError(f"{place}: {text}; write a,b=1:2,3:4 for two keys that pair")
     return Axis(keys, tuple(found))
+
+
+def _plain(values: Any, place: str) -> Any:
+    """Returns values in TOML's own types, those of NumPy among them. Raises UsageError."""
+    try:
+        found = plain(values)
+    except ValueError as error:
+        raise UsageError(f"{place}: {error}") from None
+    return found if isinstance(found, list) else [found]
 
 
 def _is_list(value: Any) -> bool:

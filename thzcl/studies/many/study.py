@@ -5,6 +5,7 @@ from __future__ import annotations
 import secrets
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from operator import index
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -44,7 +45,7 @@ class StudyResult:
 
 
 def study(
-    source: str | Path,
+    source: documents.Source,
     folder: str | Path,
     *,
     over: Mapping[str, Any] | None = None,
@@ -64,8 +65,9 @@ def study(
 ) -> StudyResult:
     """Computes the members of a study that have no file yet, and writes its table, index.csv.
 
-    `over` maps keys to values, `{"targets.box.range_m": [20, 40], "a,b": [(1, 2), (3, 4)]}`, on top
-    of those of the scene's [study]; each of `seeds` airs has a seed of its own, which follows from
+    `source` and `settings` are those of thzcl.run. `over` maps keys to values, lists or NumPy's
+    arrays, `{"targets.box.range_m": [20, 40], "a,b": [(1, 2), (3, 4)]}`, on top of those of the
+    scene's [study]; each of `seeds` airs has a seed of its own, which follows from
     `seed`. `keep` is "numbers" or "images". `shard` (i, n) computes the i-th of n parts. `dask` is
     "local" for a cluster of `workers` processes here, or the address of a scheduler; `device` is
     then that of each worker, by name. `yes` allows more than a million members. A member that
@@ -73,6 +75,7 @@ def study(
     ScenarioError for what cannot be a study, OSError if a file cannot be written, DeviceError
     without a usable device.
     """
+    seeds, seed = (None if one is None else index(one) for one in (seeds, seed))
     store = Store(Path(folder))
     make_folder(store.folder)
     known = store.described()
@@ -97,7 +100,7 @@ def study(
 
 
 def described(
-    source: str | Path,
+    source: documents.Source,
     over: Mapping[str, Any] | None,
     seeds: int | None,
     seed: int,
@@ -127,7 +130,7 @@ def described(
     keep_pixels = table is not None and table.keep_pixels
     targets = () if table is None else table.detect
     whole = axes, seeds, seed, keep or "numbers", keep_pixels, allow_outside, targets
-    return Study(document, tuple(variants), *whole)
+    return Study(document, documents.chosen(variants), *whole)
 
 
 def _part(count: int, shard: tuple[int, int] | None) -> range:
