@@ -12,6 +12,8 @@ from pathlib import Path
 
 import pytest
 
+# As the thzcl command has it: threads of a library beside those of pytest's workers only wait.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 _NUMBERS = itertools.count()
 ROOT = Path(__file__).parents[1]
 COMMANDS = {"thzcl_command", "thzcl_json"}  # fixtures that start a process

@@ -10,15 +10,15 @@ import pytest
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [101, 102])
 def test_mutated_scenes_are_refused_or_run(device, seed):
-    ends, broken = fuzz.search(seed, 400, device)
+    ends, broken = fuzz.search(seed, 200, device)
     assert not broken, "\n".join(broken)
-    assert ends["ran"] > 20
-    assert ends["refused 2"] > 100
+    assert ends["ran"] > 10
+    assert ends["refused 2"] > 50
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", fuzz_files.KINDS)
 def test_damaged_files_and_odd_settings_are_refused_or_used(kind):
-    ends, broken = fuzz_files.search(kind, 104, 30)
+    ends, broken = fuzz_files.search(kind, 104, 15)
     assert not broken, "\n".join(broken)
-    assert ends["refused"] > 2
+    assert ends["refused"] > 0
