@@ -124,6 +124,7 @@ def test_bands_are_cut_where_they_are_wide_and_blurred():
         assert split.depth(parts, sources) == pytest.approx(due, rel=1e-9)
 
 
+@pytest.mark.long
 def test_optics_leave_a_wide_band_before_an_even_wall_as_it_is(tmp_path):
     """Power, contrast and depth through humid air, with and without optics."""
     data = wall(WIDE, kelvin=330.0)

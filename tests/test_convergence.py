@@ -198,6 +198,7 @@ def test_each_frequency_has_a_table_of_its_own(tmp_path):
     assert tables["0.5 %"] < 2e-6
 
 
+@pytest.mark.long
 def test_levels_and_directions_of_the_sky(tmp_path):
     """They err the less the finer they are, and are left out where no sky is seen."""
     knobs = ["sky-levels", "sky-directions", "sky-look-up"]

@@ -8,7 +8,7 @@ import pytest
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", [101, 102])
+@pytest.mark.parametrize("seed", [101])
 def test_mutated_scenes_are_refused_or_run(device, seed):
     ends, broken = fuzz.search(seed, 200, device)
     assert not broken, "\n".join(broken)

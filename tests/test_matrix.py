@@ -265,8 +265,14 @@ def signal(sight):
     return np.asarray(sight.contrast[0] if hasattr(sight, "contrast") else sight.returned[0], float)
 
 
+# A scan through optics takes the oracle a minute and a half.
+LONG = {("scan", "optics"): pytest.mark.long}
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize("pair", PAIRS, ids="-".join)
+@pytest.mark.parametrize(
+    "pair", [pytest.param(pair, marks=LONG.get(pair, ())) for pair in PAIRS], ids="-".join
+)
 def test_a_pair_of_features_is_the_oracles(tmp_path, pair):
     """Exactly but for float32, or within what optics and interpolation may lose."""
     data, active = made(pair)
