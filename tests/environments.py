@@ -172,7 +172,7 @@ class Places:
             self._mount(kind, options)
         if self._mount("read-only", "size=1m"):
             path = self.kinds["read-only"]
-            subprocess.run(["mount", "-o", "remount,ro", path], check=True)  # noqa: S607
+            subprocess.run(["mount", "-o", "remount,ro", path], check=True)  # noqa: S607 (whichever mount there is)
         return self
 
     def _mount(self, kind: str, options: str) -> bool:
@@ -187,7 +187,7 @@ class Places:
 
     def __exit__(self, *_: object) -> None:
         for path in self._mounted:
-            subprocess.run(["umount", "-l", str(path)], check=False)  # noqa: S607
+            subprocess.run(["umount", "-l", str(path)], check=False)  # noqa: S607 (whichever mount there is)
 
 
 class Drawing:

@@ -197,6 +197,7 @@ class _Stored:
         corner = [one - edge / 2 for one, edge in zip(first, edges, strict=True)]
         periodic = np.broadcast_to(grams.attrs["periodic"], 3)
         ends = [None if one else count for one, count in zip(periodic, shape, strict=True)]
+        # Three of each, which mypy cannot see.
         lattice = Lattice(shape, tuple(edges.tolist()), tuple(corner), tuple(ends))  # type: ignore[arg-type]
         several = grams.ndim == len((*VOXELS, *PLANE)) - 1
         for number in range(len(self.names) if several else 1):
