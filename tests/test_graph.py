@@ -468,3 +468,21 @@ def test_what_is_held_serves_and_the_oldest_gives_way_to_what_is_read():
     assert evaluated(old, b, Heavy("large", 9), most=12) == 1  # what is in the way goes in vain
     assert set(old.values) == {b} and old.lost >= {Heavy("large", 9)}
     assert old.size + new.size <= 12
+
+
+def test_what_is_held_is_measured_once():
+    """Telling the bytes of a value takes time, and a scan has hundreds of them."""
+    Held.everyone.clear()
+    asked = Counter()
+
+    class Asked(Heavy):
+        def memory(self):
+            asked[self.name] += 1
+            return super().memory()
+
+    held, specs = Held((Heavy,)), [Asked(str(number), 4) for number in range(20)]
+    held.make_room([], 1000)
+    asked.clear()
+    assert all(held.add(spec, None) for spec in specs) and held.size == 80
+    held.make_room([], 0)
+    assert held.size == 0 and set(asked.values()) == {1}

@@ -179,13 +179,14 @@ class Held:
     def __init__(self, classes: tuple[type[Spec], ...] = ()) -> None:
         self.classes = classes
         self.values: dict[Spec, Any] = {}
+        self.sizes: dict[Spec, int] = {}  # bytes of each value; telling them takes time
         self.most_bytes = 0
         self.lost: set[Spec] = set()  # those whose values gave way, or found no room
 
     @property
     def size(self) -> int:
         """Returns the bytes of the values."""
-        return sum(map(_size, self.values))
+        return sum(self.sizes.values())
 
     def make_room(self, wanted: Iterable[Spec], most_bytes: int) -> None:
         """Sets what may be held, and drops what is in the way of the specs of a graph.
@@ -198,11 +199,11 @@ class Held:
         room = most_bytes - sum(map(_size, specs))
         idle = [(one, spec) for one in self.everyone for spec in one.values]
         idle = [(one, spec) for one, spec in idle if one is not self or spec not in specs]
-        over = sum(_size(spec) for _, spec in idle) - room
+        over = sum(one.sizes[spec] for one, spec in idle) - room
         for one, spec in idle:
             if over <= 0:
                 return
-            over -= _size(spec)
+            over -= one.sizes.pop(spec)
             del one.values[spec]
             one.lost.add(spec)
 
@@ -210,10 +211,11 @@ class Held:
         """Returns whether a value is held from now on, which takes a class to hold and room."""
         if not isinstance(spec, self.classes):
             return False
-        if sum(one.size for one in self.everyone) + _size(spec) > self.most_bytes:
+        size = _size(spec)
+        if sum(one.size for one in self.everyone) + size > self.most_bytes:
             self.lost.add(spec)
             return False
-        self.values[spec] = value
+        self.values[spec], self.sizes[spec] = value, size
         return True
 
 
