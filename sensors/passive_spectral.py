@@ -25,7 +25,7 @@ class PassiveSpectral(Sensor):
     of O'Brien and Tofsted does. That is the temperature of the black body whose Planck radiance
     equals what reaches the pixel: the attenuated radiance of a surface, and that of the air in
     front of it. With several frequencies the image is the mean of their brightness temperatures;
-    the result file keeps each of them.
+    the result file keeps each of them, and a picture shows up to six, each in a panel.
 
     Noise: none. It shows what there is to be seen, and serves to check numbers; detectors with
     noise are "passive-broadband" and "radiometer".
@@ -57,6 +57,7 @@ class PassiveSpectral(Sensor):
             unit="K",
             quantity="brightness temperature",
             caption="without noise",
+            mean_over_frequencies=True,
         )
 
 

@@ -12,7 +12,7 @@ from matplotlib.image import imread
 from matplotlib.text import Text
 from scenes import ACTIVE, run, scene
 
-from thzcl import pipeline
+from thzcl import Result, pipeline
 from thzcl.errors import ScenarioError, UsageError
 from thzcl.results import figure, layout
 from thzcl.results.conditions import angles, conditions
@@ -202,6 +202,33 @@ def test_panels_of_one_frequency_share_colours_by_default(tmp_path):
     assert one == two != three
     both = np.concatenate([v.image.values.ravel() for v in result.variants[:2]])
     assert one == pytest.approx(tuple(np.percentile(both, figure.STRETCH_PERCENT)))
+
+
+def test_several_frequencies_have_a_panel_each_and_variants_of_one_share_colours(tmp_path):
+    made = run(tmp_path, scene(variants=variants(*[[340, 650]] * 3)))
+    made.save(tmp_path / "made.nc")
+    for result in (made, Result.load(tmp_path / "made.nc")):
+        drawn = figure.picture(result)
+        panels = [ax for ax in drawn.axes if ax.get_title()]
+        assert [ax.get_title().splitlines()[-1] for ax in panels] == 3 * ["340 GHz"] + 3 * [
+            "650 GHz"
+        ]
+        for number, ax in enumerate(panels):
+            seen = result.variants[number % 3].sight.brightness_temperature[number // 3]
+            assert np.asarray(ax.images[0].get_array()) == pytest.approx(seen)
+        assert len({ax.images[0].get_clim() for ax in panels[:3]}) == 1
+        assert panels[0].images[0].get_clim() != panels[3].images[0].get_clim()
+        assert len(drawn.axes) == 6 + 2
+        assert_fits(drawn)
+    bar = next(ax for ax in drawn.axes if not ax.get_title())
+    assert bar.get_position().height == pytest.approx(panels[0].get_position().height)
+
+
+def test_many_frequencies_have_one_panel_that_says_it_is_a_mean(tmp_path):
+    result = run(tmp_path, scene(sensor__frequency_ghz=[*range(300, 370, 10)]))
+    (panel, _), image = figure.picture(result).axes, result.variants[0].image
+    assert np.asarray(panel.images[0].get_array()) == pytest.approx(image.values)
+    assert "mean of 7 frequencies" in [text.get_text() for text in words_of(figure.picture(result))]
 
 
 def test_the_scene_says_how_its_picture_looks(tmp_path):

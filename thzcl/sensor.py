@@ -341,7 +341,9 @@ class Image:
 
     `layers` are further images by name, `facts` numbers about the image by name: value and unit.
     `decibels` says of which layer an image in decibels is made. `caption` are words for the heading
-    of a picture, such as what noise the image has.
+    of a picture, such as what noise the image has. `mean_over_frequencies` says that the image is
+    the mean of the brightness temperatures at the sensor's frequencies, as they are: pictures then
+    show each of them.
     """
 
     values: NDArray[Any]
@@ -351,6 +353,7 @@ class Image:
     facts: Mapping[str, tuple[float, str]] = field(default_factory=dict)
     decibels: Decibels | None = None
     caption: str = ""
+    mean_over_frequencies: bool = False
 
 
 class Sensor(ABC):

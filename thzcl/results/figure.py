@@ -27,7 +27,7 @@ from thzcl.results.layout import (
     Words,
     lay_out,
 )
-from thzcl.sensor import Image
+from thzcl.sensor import Image, Radiances
 
 FORMATS = ("png", "pdf", "svg")
 WIDTHS_MM = (88, 180)  # one and two columns of a journal
@@ -35,6 +35,7 @@ SCREEN_DOTS, PRINT_DOTS = 150, 300  # per inch
 DIVERGING = "coolwarm"  # of differences, zero in the middle (Moreland 2009, even in CIELAB)
 SPREAD = "magma"  # of standard deviations and spreads
 VARIANCE = "image_variance"  # an ensemble's layer
+MOST_FREQUENCIES = 6  # of one image that have panels of their own
 STRETCH_PERCENT = (0.1, 99.9)  # percentiles of the pixels at the ends of the colours
 
 
@@ -85,7 +86,8 @@ def picture(result: Contents, width_mm: int | None = None) -> Any:
     from matplotlib.figure import Figure
 
     panels, beside, conditions = _panels(result)
-    columns = result.figure_columns or math.ceil(math.sqrt(len(panels)))
+    columns = result.figure_columns or _columns(len(panels), len(result.variants), beside)
+    beside = max(beside, 1)
     columns = math.ceil(columns / beside) * beside  # each image beside its spreads
     groups = _groups(panels, result.limits)
     words = [
@@ -117,6 +119,18 @@ def picture(result: Contents, width_mm: int | None = None) -> Any:
             va="center", ha="left", multialignment="center", linespacing=SPACING, parse_math=False,
         )  # fmt: skip
     return figure
+
+
+def _columns(panels: int, variants: int, beside: int) -> int:
+    """Returns how many panels stand in a row: about as many as there are rows.
+
+    Where panels stand by frequency, variants fill whole rows.
+    """
+    about = math.sqrt(panels)
+    if beside or variants == 1:
+        return math.ceil(about)
+    whole = (n for n in range(1, variants + 1) if variants % n == 0)
+    return min(whole, key=lambda n: abs(n - about))
 
 
 def _share(layout: Layout, box: Box) -> tuple[float, float, float, float]:
@@ -152,9 +166,13 @@ def _groups(panels: Sequence[Panel], asked: str | tuple[float, float]) -> list[o
         return list(range(len(panels)))
     given = not isinstance(asked, str)
     return [
-        (one.kind, one.quantity, one.unit, "" if given and one.kind == "image" else one.band)
-        for one in panels
+        _alike(one._replace(band="") if given and one.kind == "image" else one) for one in panels
     ]
+
+
+def _alike(panel: Panel) -> tuple[str, str, str, str]:
+    """Returns what those panels have in common whose values are of one kind."""
+    return panel.kind, panel.quantity, panel.unit, panel.band
 
 
 def _limits(
@@ -189,6 +207,7 @@ def _stretch(values: Array) -> tuple[float, float]:
 def _panels(result: Contents) -> tuple[list[Panel], int, list[str]]:
     """Returns the panels, how many each image has, and the conditions that all of them share.
 
+    Images at several frequencies stand by frequency, not by variant, and the number is 0.
     Conditions are for the heading; those in which the variants differ are in the panels' titles,
     but for what all variants say in their names.
     """
@@ -199,18 +218,29 @@ def _panels(result: Contents) -> tuple[list[Panel], int, list[str]]:
         if variant.image
     ]
     columns = zip(*(words for _, _, words, _ in shown), strict=True)
+    seen = [list(_frequencies(variant, image, words[0])) for variant, image, words, _ in shown]
     names = [variant.name.split(", ") for variant, *_ in shown]
     named = {word for column in columns if _each_in(column, names) for word in column}
-    pieces = [_pieces(words) for _, _, words, _ in shown]
+    pieces = [
+        _pieces(words if len(planes) == 1 else words[1:])
+        for (_, _, words, _), planes in zip(shown, seen, strict=True)
+    ]
     shared = [piece for piece in pieces[0] if all(piece in others for others in pieces)]
-    found = []
-    for (variant, image, words, extent), all_own in zip(shown, pieces, strict=True):
+    found: list[Panel] = []
+    for (variant, image, words, extent), planes, all_own in zip(shown, seen, pieces, strict=True):
         own = [piece for piece in all_own if piece not in shared and piece not in named]
         name = "" if variant.name == result.scenario else variant.name
-        title, band = _title(name, own), words[0]
-        found.append(Panel(title, image.values, image.quantity, image.unit, "image", band, extent))
-        found += _spreads(result, variant, image, band, extent)
+        kept = (image.quantity, image.unit, "image")
+        found += (
+            Panel(_title(name, [*own, *at]), values, *kept, band, extent)
+            for values, at, band in planes
+        )
+        found += _spreads(result, variant, image, words[0], extent)
     beside = len(found) // len(shown)
+    if any(len(planes) > 1 for planes in seen):
+        alike = list(dict.fromkeys(_alike(panel) for panel in found))
+        found.sort(key=lambda panel: alike.index(_alike(panel)))
+        beside = 0
     difference = result.image_difference()
     if difference is not None and result.difference is not None:
         title = _title(" less ".join(result.difference), [])
@@ -219,6 +249,29 @@ def _panels(result: Contents) -> tuple[list[Panel], int, list[str]]:
         unit = found[0].unit
         found.append(Panel(title, difference, quantity, unit, "difference", "", lies))
     return found, beside, shared
+
+
+def _frequencies(
+    variant: VariantResult, image: Image, band: str
+) -> Iterator[tuple[Array, list[str], str]]:
+    """Yields what panels show of an image: values, its frequency if told apart, and the band.
+
+    An image that is the mean over a few frequencies is shown at each of them.
+    """
+    mean, sight = _mean(image, variant), variant.sight
+    if not mean or len(sight.frequency_hz) > MOST_FREQUENCIES or not isinstance(sight, Radiances):
+        yield image.values, mean, band
+        return
+    for hz, values in zip(sight.frequency_hz, sight.brightness_temperature, strict=True):
+        at = f"{hz / 1e9:.6g} GHz"
+        yield values, [at], at
+
+
+def _mean(image: Image, variant: VariantResult) -> list[str]:
+    """Returns in words of how many frequencies an image is the mean, if of several."""
+    if not image.mean_over_frequencies or len(variant.sight.frequency_hz) == 1:
+        return []
+    return [f"mean of {len(variant.sight.frequency_hz)} frequencies"]
 
 
 def _each_in(words: Sequence[str], names: Sequence[Sequence[str]]) -> bool:
@@ -237,13 +290,13 @@ def _spreads(
     """Yields the panels beside an image: its spread over realisations, and that over models."""
     if VARIANCE in image.layers:
         deviation = np.sqrt(image.layers[VARIANCE].values)
-        title = _title(variant.name, ["spread over realisations"])
+        title = _title(variant.name, ["spread over realisations", *_mean(image, variant)])
         quantity = f"standard deviation of {image.quantity}"
         yield Panel(title, deviation, quantity, image.unit, "spread", band, extent)
     if result.spread_shown and result.models:
         values, quantity, unit = spread.image(variant)
         main, *others = (one.name for one in variant.by_model(result.models[0]))
-        title = _title(variant.name, [f"spread over {main}", *others])
+        title = _title(variant.name, [f"spread over {main}", *others, *_mean(image, variant)])
         yield Panel(title, values, quantity, unit, "spread", band, extent)
 
 

@@ -154,10 +154,10 @@ class _Stored:
             if name not in SEEN and one.ndim == 3 and self._is_plane(one):
                 flags = tuple(_text(one.attrs.get("flag_meanings", "")).split())
                 layers[name] = Layer(one[number], *self._told(name), flags)
-        words = self.reference["captions"][number]
+        words, mean = self.reference["captions"][number], self.reference["means"][number]
         values, of = self.file["image"][number], self.reference["decibels"][number]
         decibels = None if of is None else Decibels(*of)
-        return Image(values, *self._told("image"), layers, facts, decibels, words)
+        return Image(values, *self._told("image"), layers, facts, decibels, words, mean)
 
     def _is_plane(self, variable: Any) -> bool:
         """Returns whether a variable of three dimensions is one over the pixels of variants."""

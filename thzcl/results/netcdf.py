@@ -117,6 +117,7 @@ def _reference(result: Contents) -> dict[str, Any]:
         "resolution_cells": [one.cell for one in result.variants],
         "conditions": result.conditions,
         "captions": [one.image.caption if one.image else "" for one in result.variants],
+        "means": [bool(one.image and one.image.mean_over_frequencies) for one in result.variants],
     }
 
 

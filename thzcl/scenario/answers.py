@@ -213,6 +213,7 @@ def image(
         made,
         decibels=_of_layer(made.decibels, layers),
         caption=_text(made.caption, "the image's caption"),
+        mean_over_frequencies=bool(made.mean_over_frequencies),
         values=_plane(made.values, "image", shape, stored),
         unit=_text(made.unit, "the image's unit"),
         quantity=_text(made.quantity, "the image's quantity"),
