@@ -414,12 +414,13 @@ def test_an_unwritable_folder_is_named_before_the_work_is_done(thzcl_command, tm
 
 
 def test_a_full_disk_leaves_nothing_half_written(thzcl_command, tmp_path):
-    thzcl_command("run", "quick", "--no-figure", "-o", "warm")  # so that caches need not be written
+    large = ("run", "quick", "--set", "camera.pixels=[512,512]", "-o")
+    thzcl_command(*large, "warm", "--no-figure")  # so that caches need not be written
 
-    def small_files_only():
-        resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, 100_000))
+    def small_files_only():  # large enough for what is tried where kernels are built
+        resource.setrlimit(resource.RLIMIT_FSIZE, (1_500_000, 1_500_000))
 
-    done = thzcl_command("run", "quick", "-o", "out", preexec_fn=small_files_only)
+    done = thzcl_command(*large, "out", preexec_fn=small_files_only)
     assert done.returncode == 2
     assert done.stderr.startswith("out/quick.nc: File too large; raise the limit")
     assert len(done.stderr.splitlines()) == 1
