@@ -184,7 +184,7 @@ def test_tolerances_are_met_on_shipped_scenes(name):
 
     A tighter tolerance takes no fewer segments.
     """
-    small = {"camera.pixels": [60, 60]}
+    small = {"camera.pixels": [32, 32]}
     plan = pipeline.prepare(name)
     # The nearest, driest and the farthest, wettest of figures 7 and 8; a scene without variants has
     # no names.
