@@ -39,6 +39,9 @@ def is_worker(number):
     return False
 
 
+ON_WORKER = cluster.on_worker
+
+
 @pytest.mark.slow
 def test_two_workers_give_the_numbers_of_one_process_and_survive_a_kill(tmp_path, device):
     source = write(tmp_path, scene(**SMALL))
@@ -69,10 +72,11 @@ def test_a_member_that_kills_its_workers_is_marked_and_others_go_on(tmp_path, mo
     assert states[60.0]["state"] == KILLED and "want of memory" in states[60.0]["message"]
 
 
-def dies_at_60_percent(study, group, wanted, folder, device):
-    if any(study.member(number).settings[HUMID] == 60.0 for number in wanted):
+def dies_at_60_percent(study, batch, folder, device):
+    members = (study.member(number) for task in batch for number in task.wanted)
+    if any(member.settings[HUMID] == 60.0 for member in members):
         os.kill(os.getpid(), signal.SIGKILL)
-    return list(cluster.members(study, group, wanted, folder, cluster.opened(device)))
+    return ON_WORKER(study, batch, folder, device)
 
 
 def test_a_cluster_that_is_not_there_is_refused(tmp_path, monkeypatch, device):
