@@ -17,7 +17,7 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Self
@@ -70,6 +70,7 @@ LIMITS: dict[str, tuple[int, int]] = {
     "4 processes": (resource.RLIMIT_NPROC, 4),
     "no locked memory": (resource.RLIMIT_MEMLOCK, 0),
 }
+GROUPS, GROUPS_MB = Path("/sys/fs/cgroup/memory"), (120, 160, 250, 400)
 STREAMS = ("read", "closed", "full", "broken")
 
 
@@ -83,6 +84,7 @@ class Environment:
     words: list[str] = field(default_factory=list)
     streams: tuple[str, str] = ("read", "read")  # stdout, stderr
     limit: str | None = None
+    group: Path | None = None  # a control group with a limit of memory
     unknown: bool = False  # whether the user is one whom the machine does not know
 
     def run(self) -> str | None:
@@ -122,6 +124,8 @@ class Environment:
 
     def _prepare(self) -> None:
         """Closes streams and sets limits in the child, before it becomes thzcl."""
+        if self.group is not None:
+            (self.group / "cgroup.procs").write_text("0", encoding="ascii")
         if self.limit is not None:
             kind, most = LIMITS[self.limit]
             hard = resource.RLIM_INFINITY if kind == resource.RLIMIT_CPU else most
@@ -147,11 +151,15 @@ def _stream(kind: str) -> Iterator[Any]:
 
 
 class Places:
-    """Folders of all kinds for caches and homes, below one folder; use as a context."""
+    """Folders of all kinds for caches and homes, below one folder; use as a context.
+
+    `groups` are control groups by the megabytes that they allow, where the user may make some.
+    """
 
     def __init__(self, folder: Path) -> None:
         self._folder, self._mounted = folder, list[Path]()
         self.kinds: dict[str, Path] = {}
+        self.groups: dict[int, Path] = {}
 
     def __enter__(self) -> Self:
         self.kinds = {
@@ -173,6 +181,12 @@ class Places:
         if self._mount("read-only", "size=1m"):
             path = self.kinds["read-only"]
             subprocess.run(["mount", "-o", "remount,ro", path], check=True)  # noqa: S607 (whichever mount there is)
+        for size in GROUPS_MB:
+            path = GROUPS / f"thzcl-{os.getpid()}-{size}"
+            with suppress(OSError):
+                path.mkdir()
+                (path / "memory.limit_in_bytes").write_text(f"{size}000000", encoding="ascii")
+                self.groups[size] = path
         return self
 
     def _mount(self, kind: str, options: str) -> bool:
@@ -186,6 +200,9 @@ class Places:
         return done.returncode == 0
 
     def __exit__(self, *_: object) -> None:
+        for path in self.groups.values():
+            with suppress(OSError):  # the kernel keeps one while something runs in it
+                path.rmdir()
         for path in self._mounted:
             subprocess.run(["umount", "-l", str(path)], check=False)  # noqa: S607 (whichever mount there is)
 
@@ -202,8 +219,9 @@ class Drawing:
         self.made = Environment(folder, rng.choice(COMMANDS), variables)
         self._rng = rng
         self._places = {kind: str(path) for kind, path in places.kinds.items()}
+        self._groups = places.groups
         ways = [self._locale, self._terminal, self._home, self._cache, self._cache, self._cache]
-        ways += [self._passing, self._streams, self._limit, self._unknown]
+        ways += [self._passing, self._streams, self._limit, self._group, self._unknown]
         for way in rng.sample(ways, rng.choice((1, 2, 2, 3, 4, 5))):
             way()
 
@@ -241,6 +259,11 @@ class Drawing:
     def _limit(self) -> None:
         self.made.limit = self._rng.choice(list(LIMITS))
         self._tell(f"at most {self.made.limit}")
+
+    def _group(self) -> None:
+        if self._groups:
+            size, self.made.group = self._rng.choice(list(self._groups.items()))
+            self._tell(f"a control group of {size} MB")
 
     def _unknown(self) -> None:
         if os.getuid() == 0 and shutil.which("setpriv"):

@@ -35,8 +35,12 @@ RUN = (sys.executable, "-m", "thzcl")
 def begun(command: tuple[str, ...], folder: Path) -> subprocess.Popen[bytes]:
     """Starts a command in a folder."""
     return subprocess.Popen(
-        (*RUN, *command), cwd=folder, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE
-    )
+        (*RUN, *command),
+        cwd=folder,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),  # noqa: PLW1509 (no threads)
+    )  # fmt: skip  (a shell in the background has its commands ignore it)
 
 
 def strays(folder: Path) -> list[str]:
@@ -45,9 +49,9 @@ def strays(folder: Path) -> list[str]:
 
 
 def partial(folder: Path) -> list[str]:
-    """Returns the files beneath a folder that are not whole."""
+    """Returns the finished files beneath a folder that are not whole."""
     found = []
-    for path in folder.rglob("*.*"):
+    for path in folder.rglob("[!.]*.*"):
         try:
             if path.suffix == ".nc":
                 with h5py.File(path) as file:

@@ -213,11 +213,17 @@ def memory(plan: Plan, device: Device) -> None:
         "lower grid, pixels, samples_per_pixel or the number of frequencies, or run variants apart "
         "with --variant"
     )
-    name, gib = device.info.name, 2**30
+    name = device.info.name
     if total > device.memory_bytes:
-        need = f"needs {total / gib:.1f} GiB, but {name} has {device.memory_bytes / gib:.1f} GiB"
+        need = f"needs {_told(total)}, but has {_told(device.memory_bytes)} on {name}"
         raise ScenarioError([f"{plan.scenario.name}: {need}; {advice}"])
     if largest > device.largest_buffer:
-        allowed = f"{name} allows {device.largest_buffer / gib:.1f} GiB"
-        need = f"needs one array of {largest / gib:.1f} GiB, but {allowed}"
+        need = (
+            f"needs one array of {_told(largest)}, but {name} allows {_told(device.largest_buffer)}"
+        )
         raise ScenarioError([f"{plan.scenario.name}: {need}; {advice}"])
+
+
+def _told(size: int) -> str:
+    """Returns a number of bytes in words."""
+    return f"{size / 2**30:.1f} GiB" if size >= 2**29 else f"{size / 2**20:.0f} MiB"
