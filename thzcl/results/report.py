@@ -15,6 +15,7 @@ from thzcl.errors import FileError
 from thzcl.files import RECORD, RESULT, open_netcdf, parse_json, read_json, read_text, readable
 from thzcl.results import page
 from thzcl.results.page import Cell, Section, Series
+from thzcl.results.result import Result
 from thzcl.results.summary import by_frequency, by_model, two_ways
 
 INDEX, DESCRIPTION = "index.csv", "study.json"
@@ -76,7 +77,8 @@ def _of_result(path: Path) -> str:
         attrs = {name: _text(value) for name, value in file.attrs.items()}
         if "scenario_toml" not in attrs:
             raise FileError(f"{path}: is no result of thzcl; give one that thzcl run has written")
-        pictures = list(_pictures(file))
+        name = attrs.get("scenario_name", path.stem)
+        pictures = list(_of_frames(file) if "time" in file else _pictures(path, name))
     told: dict[str, Any] = {
         name: parse_json(attrs[name], f"{path}: {name}", RESULT) if name in attrs else empty
         for name, empty in (
@@ -84,7 +86,6 @@ def _of_result(path: Path) -> str:
             ("seconds", {}), ("versions", {}),
         )
     }  # fmt: skip
-    name = attrs.get("scenario_name", path.stem)
     budget = [
         (part, e["rms"], e["max"], e["unit"], e.get("relative"))
         for part, e in told["error_budget"].items()
@@ -121,17 +122,21 @@ def _text(value: Any) -> str:
     return value.decode("utf-8", "replace") if isinstance(value, bytes) else str(value)
 
 
-def _pictures(file: Any) -> Iterator[page.Picture]:
-    """Yields a picture of each variant's image, with scale and colour bar."""
+def _pictures(path: Path, name: str) -> Iterator[page.Picture]:
+    """Yields the picture of a result, unless its sensor failed."""
+    result = Result.load(path)
+    if all(variant.image for variant in result.variants):
+        yield page.png(result.plot(), f"images of {name}")
+
+
+def _of_frames(file: Any) -> Iterator[page.Picture]:
+    """Yields a picture of the mean of each variant's frames, with scale and colour bar."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
     from thzcl.results.figure import outer_edges
 
-    name = "image_mean" if "image_mean" in file else "image"
-    if name not in file:
-        return
-    images = file[name]
+    images = file["image_mean"]
     unit, quantity = (_text(images.attrs.get(key, "")) for key in ("units", "long_name"))
     names = [_text(one) for one in file["variant"][...]]
     for number, variant in enumerate(names):
