@@ -103,13 +103,13 @@ class Active(Sensor):
 
         frequency_ghz: FrequencyGHz = parameter(help="frequency of the source", unit="GHz")
         source_power_w: float = parameter(
-            1e-3, gt=0, unit="W", help="power of the source, on each pixel's spot"
+            1e-3, gt=0, le=1e9, unit="W", help="power of the source, on each pixel's spot"
         )
         dynamic_range_db: float = parameter(
             gt=0, le=300, unit="dB", help="from the largest power that it detects to the least"
         )
         full_scale_w: float = parameter(
-            1e-3, gt=0, unit="W", help="the largest power that it detects"
+            1e-3, gt=0, le=1e9, unit="W", help="the largest power that it detects"
         )
         arrangement: Literal["monostatic", "bistatic"] = parameter(
             "monostatic", help="where the source stands"
@@ -119,11 +119,12 @@ class Active(Sensor):
         )
         spreading: Literal["none", "lambert"] = parameter("none", help="of what surfaces reflect")
         aperture_m: float | None = parameter(
-            None, gt=0, unit="m", help="diameter of the aperture, for spreading and a beam"
+            None, gt=0, le=1e3, unit="m", help="diameter of the aperture, for spreading and a beam"
         )
         speckle_looks: float | None = parameter(
             None,
             ge=1,
+            le=1e9,
             help="looks averaged, white where [sensor.optics] has no aperture; none: no speckle",
         )
         looks: int | None = parameter(
@@ -141,6 +142,7 @@ class Active(Sensor):
         focus_m: float | None = parameter(
             None,
             gt=0,
+            le=1e6,
             unit="m",
             help="focus of the beam, for the echo of rain, fog and snow; by default look_at_m",
         )
@@ -150,17 +152,22 @@ class Active(Sensor):
             help="ranges received [near, far], from what a pixel shows on (negative: before it)",
         )
         noise_equivalent_power_w_rthz: float | None = parameter(
-            None, gt=0, unit="W/sqrt(Hz)", help="the receiver's NEP; none: no noise of power"
+            None,
+            gt=0,
+            le=1.0,
+            unit="W/sqrt(Hz)",
+            help="the receiver's NEP; none: no noise of power",
         )
         noise_figure_db: float | None = parameter(
             None, ge=0, le=100, unit="dB", help="the receiver's; none: no noise of the field"
         )
         bandwidth_hz: float | None = parameter(
-            None, gt=0, unit="Hz", help="the receiver's; by default 1/(2 t)"
+            None, gt=0, le=1e12, unit="Hz", help="the receiver's; by default 1/(2 t)"
         )
         integration_time_s: float | None = parameter(
             None,
             gt=0,
+            le=1e6,
             unit="s",
             help="time on a pixel; by default a scan's dwell",
         )

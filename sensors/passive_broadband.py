@@ -96,30 +96,41 @@ class PassiveBroadband(Sensor):
         paper_steps: Literal["edges", "trapezoid", "bins"] = parameter(
             "edges", help="reading of the paper's steps"
         )
-        step_ghz: float = parameter(25.0, gt=0, unit="GHz", help="the paper's steps")
+        step_ghz: float = parameter(25.0, gt=0, le=1e3, unit="GHz", help="the paper's steps")
         throughput: Literal["single-mode", "geometric"] = parameter(
             "single-mode", help="what each pixel collects"
         )
-        aperture_m: float | None = parameter(None, gt=0, unit="m", help="diameter of the aperture")
+        aperture_m: float | None = parameter(
+            None, gt=0, le=1e3, unit="m", help="diameter of the aperture"
+        )
         noise_equivalent_power_w_rthz: float = parameter(
-            0.0, ge=0, unit="W/sqrt(Hz)", help="detector's NEP, of absorbed power; 0: none"
+            0.0, ge=0, le=1.0, unit="W/sqrt(Hz)", help="detector's NEP, of absorbed power; 0: none"
         )
         netd_k: float | None = parameter(
-            None, gt=0, unit="K", help="noise-equivalent temperature difference, in place of a NEP"
+            None,
+            gt=0,
+            le=1e6,
+            unit="K",
+            help="noise-equivalent temperature difference, in place of a NEP",
         )
         netd_time_s: float | None = parameter(
-            None, gt=0, unit="s", help="time of one pixel within which netd_k was measured"
+            None, gt=0, le=1e6, unit="s", help="time of one pixel within which netd_k was measured"
         )
         netd_temperature_k: float = parameter(
-            300.0, gt=0, unit="K", help="temperature of the scene before which it was measured"
+            300.0,
+            gt=0,
+            le=1e4,
+            unit="K",
+            help="temperature of the scene before which it was measured",
         )
         integration_time_s: float | None = parameter(
             None,
             gt=0,
+            le=1e6,
             unit="s",
             help="time on a pixel; by default a scan's dwell",
         )
-        frame_rate_hz: float = parameter(1.0, gt=0, unit="Hz", help="images a second")
+        frame_rate_hz: float = parameter(1.0, gt=0, le=1e9, unit="Hz", help="images a second")
         noise_bandwidth: Literal["integration", "frame-rate", "scanned"] | None = parameter(
             None,
             help="1/(2 t), the frame rate, or that times the number of pixels; by default the "
@@ -131,6 +142,7 @@ class PassiveBroadband(Sensor):
         optics_temperature_k: float | None = parameter(
             None,
             ge=0,
+            le=1e4,
             unit="K",
             help="temperature of what absorbs the rest; none: it emits nothing",
         )

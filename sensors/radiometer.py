@@ -60,13 +60,13 @@ class Radiometer(Sensor):
             help="frequency of the local oscillator", unit="GHz"
         )
         if_center_ghz: float = parameter(
-            gt=0, unit="GHz", help="middle of the intermediate-frequency band"
+            gt=0, le=1e3, unit="GHz", help="middle of the intermediate-frequency band"
         )
         if_bandwidth_ghz: float = parameter(
-            gt=0, unit="GHz", help="width of the intermediate-frequency band"
+            gt=0, le=1e3, unit="GHz", help="width of the intermediate-frequency band"
         )
         receiver_temperature_k: float = parameter(
-            ge=0, unit="K", help="double-sideband receiver temperature"
+            ge=0, le=1e8, unit="K", help="double-sideband receiver temperature"
         )
         sideband: Literal["double", "single"] = parameter(
             "double", help="whether both sidebands hold the signal, or the upper one alone"
@@ -74,6 +74,7 @@ class Radiometer(Sensor):
         integration_time_s: float | None = parameter(
             None,
             gt=0,
+            le=1e6,
             unit="s",
             help="time on a pixel; by default a scan's dwell",
         )
@@ -84,7 +85,11 @@ class Radiometer(Sensor):
             "total-power", help="whether it switches between scene and a reference load"
         )
         reference_temperature_k: float | None = parameter(
-            None, ge=0, unit="K", help="temperature of the reference load; by default the air's"
+            None,
+            ge=0,
+            le=1e4,
+            unit="K",
+            help="temperature of the reference load; by default the air's",
         )
         optics: Optics | None = parameter(None, help="blur; leave the table out for none")
 

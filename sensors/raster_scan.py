@@ -49,7 +49,7 @@ class RasterScan(Sensor):
             "raster", help="one pixel after the other, or all together"
         )
         dwell_s: float | None = parameter(
-            None, gt=0, unit="s", help="time from one pixel to the next"
+            None, gt=0, le=1e6, unit="s", help="time from one pixel to the next"
         )
         order: Literal["rows", "columns"] = parameter("rows", help="along rows, or along columns")
         back_and_forth: bool = parameter(
@@ -57,7 +57,7 @@ class RasterScan(Sensor):
         )
         reverse: bool = parameter(False, help="the last pixel first")
         integration_time_s: float | None = parameter(
-            None, gt=0, unit="s", help="time over which a focal plane integrates"
+            None, gt=0, le=1e6, unit="s", help="time over which a focal plane integrates"
         )
         samples: int = parameter(
             8, ge=1, le=1000, help="instants averaged over the integration time"

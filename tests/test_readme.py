@@ -208,7 +208,7 @@ def test_a_table_is_told_with_units_defaults_and_limits():
     assert rows == [
         ("`length_m`", "m", "none", "above 0, at most 2e9", "a | b"),
         ("`count`", "", "`3`", "whole, at least 1, below 2^63", "how many"),
-        ("`size_m`", "m", "required", "2 values, each: above 0", "edges"),
+        ("`size_m`", "m", "required", "2 values, each: above 0, at most 1e12", "edges"),
         ("`form`", "", '`"flat"`', '`"flat"`, `"round"`', "its form"),
         ("`either`", "", '`"air"`', '`"air"`; or -0.5 to 400', "or"),
         ("`several`", "", "required", "a number; or list, each: a number", "one or more"),

@@ -169,6 +169,10 @@ SINGLE = {
         {"camera__position_m": [0.0, 1e300, 5.0]},
         "[camera] position_m.1: must be at most 1e+09 m, not 1e+300",
     ),
+    "an aperture that no telescope has": (
+        {"sensor__optics": {"aperture_m": 1e300}},
+        "[sensor.optics] aperture_m: must be at most 1000 m, not 1e+300",
+    ),
     "a strength given twice": (
         {"atmosphere__fluctuations__structure_constant_q": 0.1},
         "give only one of sigma_percent or structure_constant_q",

@@ -104,11 +104,15 @@ class Optics(Parameters):
     """
 
     aperture_m: float | None = parameter(
-        None, ge=1e-6, unit="m", help="diameter of the circular aperture; none: no diffraction"
+        None,
+        ge=1e-6,
+        le=1e3,
+        unit="m",
+        help="diameter of the circular aperture; none: no diffraction",
     )
     pixel: bool = parameter(True, help="average over the area of each pixel")
     blur_mrad: float | None = parameter(
-        None, gt=0, unit="mrad", help="full width at half maximum of a Gaussian blur"
+        None, gt=0, le=3e3, unit="mrad", help="full width at half maximum of a Gaussian blur"
     )
 
     def grain(

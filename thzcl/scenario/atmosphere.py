@@ -50,6 +50,7 @@ class Fluctuations(Table):
     structure_constant_q: float | None = key(
         None,
         ge=0,
+        le=1e6,
         unit="g^2 m^-6 m^-2/3",
         help="C_q^2: the structure function of humidity is C_q^2 r^(2/3)",
     )
@@ -84,7 +85,7 @@ class Fluctuations(Table):
         None, ge=0, le=50, unit="K", help="standard deviation of air temperature"
     )
     structure_constant_t: float | None = key(
-        None, ge=0, unit="K^2 m^-2/3", help="C_T^2 of air temperature"
+        None, ge=0, le=1e6, unit="K^2 m^-2/3", help="C_T^2 of air temperature"
     )
     wind_m_s: Vector = key(
         (0.0, 0.0, 0.0), help="wind that carries the cube along, frozen [x, y, z]", unit="m/s"

@@ -149,7 +149,7 @@ def key(default: Any = ..., *, unit: str = "", help: str, **limits: Any) -> Any:
 
 Coordinate = Annotated[float, Field(ge=-1e9, le=1e9)]  # squares and cubes of it stay finite
 Vector = tuple[Coordinate, Coordinate, Coordinate]
-Positive = Annotated[float, Field(gt=0)]
+Positive = Annotated[float, Field(gt=0, le=1e12)]
 LensMillimetres = Annotated[float, Field(ge=1e-6, le=1e9)]
 Kelvin = Annotated[float, Field(ge=0, le=1e19)]
 Fraction = Annotated[float, Field(ge=0, le=1)]
