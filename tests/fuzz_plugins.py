@@ -35,6 +35,7 @@ PLUGINS = {
     "constituents": (TESTS / "grey_dust" / "grey_dust.py", "atmosphere.dust={per_km=2.0}"),
 }
 NAMES = {"sensors": "dicke", "constituents": "dust"}
+TABLES = {"sensors": "[sensor]", "constituents": "[atmosphere"}  # of a scene, with their keys
 VALUES = (
     "None", "0", "1e300", "float('nan')", "float('inf')", "2**70", "True", "''", "'x'", "b'x'",
     "'\\x00'", "'mpm93'", "'\\ud800'", "[]", "[[]]", "{}", "()", "[1.0, None]", "object",
@@ -57,7 +58,6 @@ STATEMENTS = (
     "np.seterr(all='raise')", "import os; os.chdir('/')", "import sys; sys.stdout.close()",
     "import sys; sys.exit('bye')", "import signal; signal.signal(signal.SIGINT, signal.SIG_IGN)",
     "import random; np.random.seed(0)", "import sys; sys.setrecursionlimit(60)",
-    "import threading; threading.Thread(target=lambda: 1 / 0).start()",
     "import locale; locale.setlocale(locale.LC_ALL, 'C')", "import os; os.environ.clear()",
     "vars(self).clear()", "self.params.frequency_ghz = 5", "sight.optical_depth[:] = np.nan",
     "sight.brightness_temperature[0][:] = np.nan", "rng.bit_generator.state = None", "return",
@@ -141,7 +141,8 @@ def tried(rng: random.Random) -> tuple[str, str | None]:
         wrong = [text for text in BROKEN if text in said] + unsound(Path(place))
         if done.returncode not in CONTRACT:
             wrong.append(f"exit code {done.returncode}")
-        if done.returncode and "odd-plugins" not in said and NAMES[kind] not in said.lower():
+        told_of = ("odd-plugins", NAMES[kind], TABLES[kind])
+        if done.returncode and not any(word in said for word in told_of):
             wrong.append("does not say whose plugin it is")
     end = f"{words[0]} {done.returncode}"
     if not wrong:
