@@ -367,3 +367,27 @@ def test_a_killed_study_goes_on_where_it_was(tmp_path):
     assert b"96 done" in done.stdout
     thzcl.study(source, tmp_path / "here", over={HUMID: "20:90:10"}, seeds=12, seed=4)
     assert numbers(out) == numbers(tmp_path / "here")
+
+
+def test_where_nothing_else_is_varied_each_variant_is_a_member(tmp_path, device):
+    variants = [
+        {"name": f"{kelvin} K", "set": {"targets.box.temperature_k": kelvin}}
+        for kelvin in (260.0, 300.0, -3.0)
+    ]
+    source = small(tmp_path, variants=variants, output={"difference": ["260.0 K", "300.0 K"]})
+    found = thzcl.study(source, tmp_path / "a", device=device)
+    assert found.states == {"done": 2, "failed": 1}
+    told = rows(tmp_path / "a")
+    told = [one for one in told if one["target"] in ("box", "")]
+    assert [(one["member"], one["variant"], one["state"]) for one in told] == [
+        ("0", "260.0 K", "done"), ("1", "300.0 K", "done"), ("2", "", "failed")
+    ]  # fmt: skip
+    whole = thzcl.run(source, variants=["260.0 K", "300.0 K"], device=device)
+    for one, variant in zip(told, whole.summary()["variants"], strict=False):
+        assert float(one["mean_contrast_k"]) == variant["targets"]["box"]["mean_contrast_k"]
+    two = thzcl.study(source, tmp_path / "b", variants=["260.0 K", "300.0 K"], device=device)
+    assert two.states == {"done": 2}
+    with pytest.raises(ScenarioError, match="no such variant"):
+        thzcl.study(source, tmp_path / "c", variants=["260.0 K", "cold"], device=device)
+    with pytest.raises(UsageError, match="nothing is varied"):
+        thzcl.study(source, tmp_path / "d", variants="260.0 K", device=device)

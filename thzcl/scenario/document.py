@@ -212,6 +212,22 @@ def changed(
     return replace(document, data=data, settings=paths)
 
 
+def names(document: Document) -> tuple[str, ...]:
+    """Returns the names of a document's variants; what is wrong with them is found by parse()."""
+    entries, _ = _variant_tables(document.data.get("variants", ()))
+    return tuple(entry.name for entry in entries)
+
+
+def alone(document: Document, variant: str) -> Document:
+    """Returns a document with one of its variants alone, if it has that."""
+    entries = [one for one in document.data["variants"] if one.get("name") == variant]
+    if not entries:
+        return document
+    data = deepcopy(document.data | {"variants": entries})
+    data.get("output", {}).pop("difference", None)
+    return replace(document, data=data)
+
+
 def by_variant(document: Document) -> dict[str, dict[str, Any]]:
     """Returns the data of each variant by name, its keys set; without variants one, named "".
 

@@ -16,6 +16,7 @@ from thzcl.errors import UsageError
 from thzcl.scenario.text import plain
 
 RANGE = "range_m"  # the key of a target that only studies know
+VARIANT = "variant"  # as if it were a key: which variant of the scene a member is
 
 
 @dataclass(frozen=True)
@@ -43,6 +44,11 @@ def axes(over: Mapping[str, Any], given_by: str) -> tuple[Axis, ...]:
     if twice is not None:
         raise UsageError(f"{given_by} {twice}: is varied twice; give each key one axis")
     return found
+
+
+def of_variants(names: Sequence[str]) -> tuple[Axis, ...]:
+    """Returns the axis along which each of several variants is a member, or none."""
+    return (Axis((VARIANT,), tuple((name,) for name in names)),) if len(names) > 1 else ()
 
 
 def from_options(options: Iterable[str]) -> dict[str, str]:

@@ -75,7 +75,7 @@ class Study:
     @property
     def keys(self) -> tuple[str, ...]:
         """Returns the keys that are varied."""
-        return tuple(key for axis in self.axes for key in axis.keys)
+        return tuple(key for axis in self.axes for key in axis.keys if key != grids.VARIANT)
 
     def member(self, number: int) -> Member:
         """Returns a member by its number."""
@@ -122,13 +122,20 @@ class Study:
 
     def scene(self, member: Member) -> Document:
         """Returns the document of a member. Raises ScenarioError."""
-        plain = {k: v for k, v in member.settings.items() if placing.named(k) is None}
-        document = documents.changed(self.document, plain, {})
+        document = self.set_to(member.settings)
         document.data.pop("study", None)
         moved = self._moved(document, member)
         if "" in moved:
             document = documents.changed(document, moved.pop(""), {})
         return documents.changed(document, {}, moved)
+
+    def set_to(self, settings: Mapping[str, Any]) -> Document:
+        """Returns the scene at some settings, but for the places of targets."""
+        document = self.document
+        if grids.VARIANT in settings:
+            document = documents.alone(document, settings[grids.VARIANT])
+        keys = [key for key in settings if placing.named(key) is None and key != grids.VARIANT]
+        return documents.changed(document, {key: settings[key] for key in keys}, {})
 
     def _moved(self, document: Document, member: Member) -> dict[str, dict[str, Any]]:
         """Returns the keys that each variant of a member's scene has of its own: place and seed.
@@ -150,15 +157,17 @@ class Study:
         """Returns the plan of a member. Raises ScenarioError, or PluginFailure."""
         document = self.scene(member)
         try:
-            plan = make_plan(self.parsed(document))
+            plan = make_plan(self.parsed(document, member.settings))
             checks.together(document, plan)
         except ScenarioError as error:
             raise ScenarioError([_by_over(line) for line in error.problems]) from None
         return plan
 
-    def parsed(self, document: Document) -> Scenario:
+    def parsed(self, document: Document, settings: Mapping[str, Any]) -> Scenario:
         """Returns the scenes of a member's document. Raises ScenarioError."""
-        scenario = documents.parse(document, self.variants, allow_outside=self.allow_outside)
+        one = settings.get(grids.VARIANT)
+        variants = self.variants if one is None else (one,)
+        scenario = documents.parse(document, variants, allow_outside=self.allow_outside)
         if any(v.scene.numerics.realizations > 1 for v in scenario.variants):
             text = "realizations is refused in a study: give seeds, each of which is one"
             raise ScenarioError([f"{document.label}: [numerics] {text}"])
@@ -205,7 +214,7 @@ def refuse_unknown(study: Study, given_by: str) -> None:
 
     A member that cannot be made is another matter: it is marked, and the study goes on.
     """
-    known = _problems(study, {})
+    known = _problems(study, {}) if study.keys else ()
     for key in study.keys:
         name = placing.named(key)
         if name is not None:
@@ -223,7 +232,7 @@ def refuse_unknown(study: Study, given_by: str) -> None:
         ]
         if unknown:
             raise UsageError(unknown[0].replace("--set", given_by, 1))
-    if known:
+    if known or not study.keys:
         first_problems = _problems(study, study.member(0).settings)
         if first_problems:
             raise ScenarioError(first_problems)
@@ -231,10 +240,8 @@ def refuse_unknown(study: Study, given_by: str) -> None:
 
 def _problems(study: Study, settings: Mapping[str, Any]) -> tuple[str, ...]:
     """Returns what is wrong with the scene at some settings."""
-    plain = {k: v for k, v in settings.items() if placing.named(k) is None}
     try:
-        document = documents.changed(study.document, plain, {})
-        study.parsed(document)
+        study.parsed(study.set_to(settings), settings)
     except ScenarioError as error:
         return error.problems
     return ()

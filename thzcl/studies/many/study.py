@@ -67,13 +67,13 @@ def study(
 
     `source` and `settings` are those of thzcl.run. `over` maps keys to values, lists or NumPy's
     arrays, `{"targets.box.range_m": [20, 40], "a,b": [(1, 2), (3, 4)]}`, on top of those of the
-    scene's [study]; each of `seeds` airs has a seed of its own, which follows from
-    `seed`. `keep` is "numbers" or "images". `shard` (i, n) computes the i-th of n parts. `dask` is
-    "local" for a cluster of `workers` processes here, or the address of a scheduler; `device` is
-    then that of each worker, by name. `yes` allows more than a million members. A member that
-    cannot be computed is marked in its file, and the study goes on. Raises UsageError and
-    ScenarioError for what cannot be a study, OSError if a file cannot be written, DeviceError
-    without a usable device.
+    scene's [study]; where nothing is varied, each of the scene's variants is a member. Each of
+    `seeds` airs has a seed of its own, which follows from `seed`. `keep` is "numbers" or "images".
+    `shard` (i, n) computes the i-th of n parts. `dask` is "local" for a cluster of `workers`
+    processes here, or the address of a scheduler; `device` is then that of each worker, by name.
+    `yes` allows more than a million members. A member that cannot be computed is marked in its
+    file, and the study goes on. Raises UsageError and ScenarioError for what cannot be a study,
+    OSError if a file cannot be written, DeviceError without a usable device.
     """
     seeds, seed = (None if one is None else index(one) for one in (seeds, seed))
     store = Store(Path(folder))
@@ -121,7 +121,12 @@ def described(
         axes = (*(axis for axis in own if not given & {*axis.keys}), *axes)
         seeds, keep = seeds or table.seeds, keep or table.keep
     if not axes and seeds is None:
-        text = "nothing is varied; give --over KEY=VALUES, --seeds N, or a table [study]"
+        picked = documents.chosen(variants)
+        if set(picked) - set(documents.names(document)):
+            documents.parse(document, picked, allow_outside=allow_outside)  # which refuses them
+        axes = grids.of_variants(picked or documents.names(document))
+    if not axes and seeds is None:
+        text = "nothing is varied; give --over KEY=VALUES, --seeds N, variants or a table [study]"
         raise UsageError(f"{document.label}: {text}")
     if seeds is not None and seeds < 1:
         raise UsageError(f"{seeds} seeds; give at least 1")
