@@ -113,6 +113,22 @@ def test_pixel_sampling_falls_with_the_samples(tmp_path):
     assert run(tmp_path, alone).error_budget["pixel-sampling"]["rms"] < 1e-6
 
 
+@pytest.mark.parametrize("pixels", [40, 41, 42, 43, 44, 45])
+def test_pixel_sampling_is_that_of_edges_wherever_they_fall_in_pixels(tmp_path, pixels):
+    """Straight edges of a small box, where all pixels of one edge have the same error."""
+    box = {"kind": "box", "center_m": [60, 0, 1.5], "size_m": [0.5, 0.5, 0.4],
+           "temperature_k": 330.0, "reflectivity": 0.2}  # fmt: skip
+    camera = {"camera__position_m": [0, 0, 2], "camera__look_at_m": [60, 0, 1.5],
+              "camera__focal_length_mm": 500, "camera__focal_plane_mm": [20, 20],
+              "camera__pixels": [pixels, pixels]}  # fmt: skip
+    data = scene(targets={"box": box}, atmosphere__fluctuations=None, **camera)
+    found = run(tmp_path, data)
+    data["camera"]["samples_per_pixel"] = 100
+    finely = run(tmp_path, data).variants[0].image.values
+    rms = np.sqrt(((found.variants[0].image.values - finely) ** 2).mean())
+    assert rms / 2 < found.error_budget["pixel-sampling"]["rms"] < 3 * rms
+
+
 def test_the_budget_can_be_left_out(tmp_path):
     result = run(tmp_path, scene(numerics={"error_budget": False}))
     assert set(result.error_budget) == {"absorption-fit"}

@@ -34,6 +34,10 @@ Integers = NDArray[np.int64]
 
 RAYS = 200  # the most rays that are followed again
 PIXELS = 32  # the most pixels whose samples are doubled
+FEWEST_PIXELS = 8  # the fewest with one sample, and so many fewer as they have more
+EDGES = 0.75  # of them beside a pixel of another surface
+FINEST = 32, 8, 2  # places each way, in the part of the image of one sample, for another
+MOST_NUMBERS = 2**31  # rays have 32 bits
 WORK = 60_000  # segments, or segments times frequencies, beyond which there are fewer rays
 FEWEST = 8  # the fewest rays that are followed again
 
@@ -347,7 +351,11 @@ class FinePixels:
 
 @frozen
 class FineWalkSpec(Spec):
-    """Some pixels with twice as many samples each way, half of them at edges of surfaces."""
+    """Some pixels with twice as many samples each way, most of them at edges of surfaces.
+
+    Each new sample lies at random in its own part of the pixel: at a regular grid, straight edges
+    would show all of their error or none.
+    """
 
     air: UniformAirSpec | VoxelAirSpec
     ends: EndsSpec
@@ -361,47 +369,70 @@ class FineWalkSpec(Spec):
     def run(self, device: Device, air: Air, ends: RayEnds) -> FinePixels:
         """Returns the pixels and their rays."""
         pixel, weight = _near_edges(ends, self.rays, self.seed)
-        fine, number = _doubled(self.ends.geometry, pixel)
+        fine, number, place = _doubled(self.ends.geometry, pixel, self.seed)
         precision = self.ends.precision
         found = ray_ends.find_ends(device, fine, precision, self.ends.asked, number)
         out = None
         if self.transmitter_m is not None:
             out = ray_ends.outgoing_ends(device, found, self.transmitter_m, precision)
-        row, column = np.divmod(number, fine.raster.columns)
         slots, weights = np.arange(len(number)), np.ones(len(number))
-        place = row // 2, column // 2
         walked = _followed(air, found, out, number, slots, place, weights, self.lambert)
         return FinePixels(walked, pixel, weight)
 
 
 def _near_edges(ends: RayEnds, rays: int, seed: int) -> tuple[Integers, Array]:
-    """Returns numbers and weights of pixels, half of them beside a pixel of another surface."""
+    """Returns numbers and weights of pixels, most of them beside a pixel of another surface."""
     raster, rng = ends.geometry.raster, np.random.Generator(np.random.Philox(key=[seed, 2]))
     rows, columns = raster.block
     surface = ends.surface.host()[: raster.rays].reshape(raster.rows, raster.columns)
-    shown = surface[rows // 2 :: rows, columns // 2 :: columns]
-    edge = np.zeros(shown.shape, dtype=bool)
-    edge[1:] |= shown[1:] != shown[:-1]
-    edge[:-1] |= shown[1:] != shown[:-1]
-    edge[:, 1:] |= shown[:, 1:] != shown[:, :-1]
-    edge[:, :-1] |= shown[:, 1:] != shown[:, :-1]
-    most = max(2, min(PIXELS, rays // (4 * rows * columns)))
+    shown = surface[rows // 2 :: rows, columns // 2 :: columns].astype(np.int64)
+    # Straight edges fall alike in all of their pixels. Those at edges are of one kind if they or
+    # their neighbours show the same last surface, on the same side of edges that are as steep.
+    around = np.pad(shown, 1, mode="edge")
+    four = around[:-2, 1:-1], around[2:, 1:-1], around[1:-1, :-2], around[1:-1, 2:]
+    differ = [beside != shown for beside in four]
+    edge, steep = np.any(differ, axis=0), np.any(differ[2:], axis=0)
+    last = np.max([shown, *four], axis=0)
+    kind = np.where(edge, 4 * last + 2 * steep + (shown == last), -1)
+    samples = rows * columns
+    most = max(2, FEWEST_PIXELS // samples, min(PIXELS, rays // (4 * samples)))
+    there = min(round(EDGES * most), most - 1) if edge.any() else 0
+    if len(np.unique(kind)) > PIXELS:
+        kind = np.where(edge, 0, -1)
+    kinds = np.unique(kind)
+    share = max(2, there // max(1, int((kinds >= 0).sum())))
     pixels, weights = [], []
-    for members in (np.flatnonzero(edge), np.flatnonzero(~edge)):
-        n = min(len(members), most // 2)
+    for one in kinds:
+        members = np.flatnonzero(kind == one)
+        n = min(len(members), share if one >= 0 else most - there)
         pixels.append(rng.choice(members, n, replace=False))
-        weights.append(np.full(n, len(members) / edge.size / max(n, 1)))
+        weights.append(np.full(n, len(members) / shown.size / max(n, 1)))
     return np.concatenate(pixels), np.concatenate(weights)
 
 
-def _doubled(shape: Geometry, pixel: Integers) -> tuple[Geometry, Integers]:
-    """Returns a raster with twice as many rays each way, and the numbers of some pixels' rays."""
+def _doubled(
+    shape: Geometry, pixel: Integers, seed: int
+) -> tuple[Geometry, Integers, tuple[Integers, Integers]]:
+    """Returns twice as many rays each way of some pixels: a finer raster, and their numbers in it.
+
+    The last are the row and the column of each in the raster that the run traced.
+    """
     raster, frame = shape.raster, shape.frame.array.copy()
-    rows, columns = raster.block
-    block = 2 * rows, 2 * columns
-    fine = Raster(2 * raster.rows, 2 * raster.columns, block)
-    frame[2:] /= 2
+    rng = np.random.Generator(np.random.Philox(key=[seed, 3]))
+    finest = next(n for n in FINEST if raster.rays * n**2 < MOST_NUMBERS or n == 2)
+    rows, columns = (2 * n for n in raster.block)
+    block = finest * raster.block[0], finest * raster.block[1]
+    fine = Raster(finest * raster.rows, finest * raster.columns, block)
+    frame[2:] /= finest
     row, column = (n[:, None, None] for n in divmod(pixel, raster.pixels[1]))
-    down, right = np.arange(block[0])[None, :, None], np.arange(block[1])[None, None, :]
-    number = (row * block[0] + down) * fine.columns + column * block[1] + right
-    return replace(shape, raster=fine, frame=Values.of(frame)), number.ravel()
+    places = len(pixel), rows, columns
+    cell = finest // 2  # places of the finer raster for each of the new samples
+    down, right = (rng.integers(cell, size=places) for _ in range(2))
+    # Neighbours mirror each other, so that an edge parts two of them rather than none or both.
+    down[:, :, 1::2] = cell - 1 - down[:, :, ::2]
+    right[:, 1::2] = cell - 1 - right[:, ::2]
+    down += (row * rows + np.arange(rows)[:, None]) * cell
+    right += (column * columns + np.arange(columns)) * cell
+    down, right = down.ravel(), right.ravel()
+    made = replace(shape, raster=fine, frame=Values.of(frame))
+    return made, down * fine.columns + right, (down // finest, right // finest)
