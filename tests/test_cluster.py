@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import signal
 import sys
+import time
 from contextlib import suppress
 from pathlib import Path
 
@@ -77,6 +78,25 @@ def dies_at_60_percent(study, batch, folder, device):
     if any(member.settings[HUMID] == 60.0 for member in members):
         os.kill(os.getpid(), signal.SIGKILL)
     return ON_WORKER(study, batch, folder, device)
+
+
+@pytest.mark.slow
+def test_without_workers_nothing_is_waited_for_forever(tmp_path, monkeypatch):
+    source = write(tmp_path, scene(**SMALL))
+    monkeypatch.setattr(cluster, "PATIENCE_S", 0.5)
+    monkeypatch.setattr(cluster, "ALONE_S", 3.0)
+    monkeypatch.setattr(cluster, "on_worker", leaves)
+    with pytest.raises(UsageError, match="no worker for 3 s; what is done is kept"):
+        thzcl.study(source, tmp_path / "out", over={HUMID: [20.0, 60.0]}, dask="local", workers=1)
+
+
+def leaves(*_):
+    """Closes the worker for good, as a batch system does at the end of its time."""
+    from distributed import get_worker
+
+    worker = get_worker()
+    worker.loop.add_callback(worker.close, nanny=True)
+    time.sleep(60)
 
 
 def test_a_cluster_that_is_not_there_is_refused(tmp_path, monkeypatch, device):

@@ -12,8 +12,9 @@ import hashlib
 import os
 import platform
 import tempfile
-from collections.abc import Iterator, Sequence
-from contextlib import ExitStack
+import time
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import ExitStack, suppress
 from functools import cache
 from itertools import islice
 from pathlib import Path
@@ -31,6 +32,8 @@ ALLOWED_FAILURES = 2  # workers lost to one task before it counts as killed: the
 AHEAD = 3  # batches of tasks for each worker that wait at the scheduler
 BATCH_S = 1.0  # of work that a worker is sent at once
 MOST_TASKS = 100  # in a batch
+PATIENCE_S = 10.0  # between looks at whether there are workers
+ALONE_S = 120.0  # without any, after which nothing is waited for
 _MISSING = "needs dask.distributed; install it: pip install 'thzcl[dask]'"
 
 
@@ -55,7 +58,6 @@ def on_workers(
         client = stack.enter_context(_client(distributed, address, workers, stack))
         count = max(len(client.scheduler_info(n_workers=-1)["workers"]), 1)
         waiting = iter(todo)
-        running = distributed.as_completed()
         pending: dict[Any, tuple[Task, ...]] = {}
 
         def submit(batch: tuple[Task, ...]) -> None:
@@ -64,23 +66,27 @@ def on_workers(
                     on_worker, study, batch, folder.resolve(), device, pure=False, retries=0
                 )
                 pending[future] = batch
-                running.add(future)
 
         size = 1
         for _ in range(AHEAD * count):
             submit(tuple(islice(waiting, size)))
         while pending:
-            future = next(running)
-            batch = pending.pop(future)
+            future = _ended(distributed, client, pending)
+            batch = pending[future]
             try:
-                found = future.result()
+                found = future.result(timeout=PATIENCE_S)
                 took = sum(one["seconds"] for one in found) / len(batch)
                 size = int(min(max(BATCH_S / max(took, 1e-3), 1), MOST_TASKS))
+            except TimeoutError:
+                if future.done():  # it is the task's own
+                    raise
+                continue  # its worker was lost with the answer; another one does it again
             except distributed.scheduler.KilledWorker:
                 smaller = _smaller(batch)
                 found = [] if smaller else [_killed(study, batch[0].wanted[0])]
                 for one in smaller:
                     submit(one)
+            del pending[future]
             future.release()
             submit(tuple(islice(waiting, size)))
             yield from found
@@ -93,6 +99,19 @@ def _distributed() -> Any:
     except ImportError:
         raise UsageError(f"--dask {_MISSING}") from None
     return distributed
+
+
+def _ended(distributed: Any, client: Any, pending: Iterable[Any]) -> Any:
+    """Returns a task that has ended. Raises UsageError if the workers are gone for good."""
+    seen = time.monotonic()
+    while time.monotonic() - seen < ALONE_S:
+        with suppress(TimeoutError):
+            done = distributed.wait(list(pending), PATIENCE_S, "FIRST_COMPLETED").done
+            return next(iter(done))
+        if client.scheduler_info(n_workers=-1)["workers"]:
+            seen = time.monotonic()
+    text = f"there has been no worker for {ALONE_S:.0f} s"
+    raise UsageError(f"--dask: {text}; what is done is kept: start workers, and the study again")
 
 
 def _smaller(batch: tuple[Task, ...]) -> list[tuple[Task, ...]]:
