@@ -155,6 +155,39 @@ def test_an_interrupt_in_the_midst_of_an_import_ends_by_its_code(tmp_path):
     assert done.stderr == b"interrupted; nothing was left half-written\n"
 
 
+INTERRUPTED = b"interrupted; nothing was left half-written\n"
+
+
+@pytest.mark.parametrize(
+    ("module", "then", "due"),
+    [
+        ("os.kill(os.getpid(), signal.SIGINT); time.sleep(0.1); print('set up')", "", b"set up\n"),
+        ("os.kill(os.getpid(), signal.SIGTERM); time.sleep(60); print('never')", "", b""),
+        ("", ("weakref.finalize(gone := Gone(), os.kill, os.getpid(), signal.SIGINT); del gone; "
+         "time.sleep(0.1); print('never')"), b""),
+    ],
+    ids=["within a short import", "within a long import", "within a destructor"],
+)  # fmt: skip
+def test_an_interrupt_waits_for_imports_and_is_never_dropped(tmp_path, module, then, due):
+    imports = "import os, signal, sys, time, weakref\n"
+    (tmp_path / "slowly.py").write_text(imports + module, encoding="utf-8")
+    code = (
+        "import thzcl.commands.check as command\nfrom thzcl.__main__ import main\n"
+        "class Gone: pass\n"
+        f"def changes(_):\n    import slowly\n    {then}\n    time.sleep(0.1)\n    print('never')\n"
+        "command.changes = changes\nsys.exit(main(['check', 'quick']))"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", imports + code],
+        capture_output=True,
+        cwd=tmp_path,
+        env=os.environ | {"PYTHONPATH": str(ROOT)},
+        check=False,
+        timeout=30,
+    )
+    assert (done.returncode, done.stdout, done.stderr) == (130, due, INTERRUPTED)
+
+
 @pytest.mark.parametrize("closed", ["2>&-", ">&-", "<&- >&- 2>&-"])
 def test_closed_streams_change_no_exit_code(tmp_path, closed):
     assert shell(f"{COMMAND} run quick --no-figure {closed}", tmp_path).returncode == 0

@@ -2,15 +2,23 @@
 
 from __future__ import annotations
 
+import _thread
 import io
 import os
 import signal
 import sys
+import threading
+import time
 import traceback
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
+from types import FrameType
+from typing import Any
 
 from thzcl.errors import DONE, FAILED, INTERRUPTED, explained
+
+LONGEST_IMPORT_S = 1.0  # for which an interrupt waits
+SOON_S = 0.02  # after which it is sent again
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -81,27 +89,65 @@ def _occupy_standard_files() -> None:
 def _ended_as_interrupted() -> Iterator[None]:
     """Has what would end the process end a command as Ctrl-C does: with nothing left half written.
 
-    That is a batch system's TERM, a terminal that closes, and a limit on processor time.
+    That is a batch system's TERM, a terminal that closes, and a limit on processor time. Within an
+    import all of them, and Ctrl-C, wait a little: extension modules end the process if one of their
+    calls is interrupted while they are set up.
     """
+    begun: list[float] = []
+    later: list[threading.Timer] = []
 
-    def interrupt(*_: object) -> None:
-        raise KeyboardInterrupt
+    def interrupt(number: int, frame: FrameType | None) -> None:
+        begun.append(time.monotonic())
+        if not _imports(frame) or begun[-1] - begun[0] > LONGEST_IMPORT_S:
+            raise KeyboardInterrupt
+        later.append(threading.Timer(SOON_S, os.kill, (os.getpid(), number)))
+        later[-1].start()
 
-    replaced = []
+    replaced: dict[signal.Signals, Any] = {}
+    usual = signal.SIG_DFL, signal.default_int_handler
     try:
-        for number in (signal.SIGTERM, signal.SIGHUP, signal.SIGXCPU):
-            if signal.getsignal(number) is signal.SIG_DFL:
-                signal.signal(number, interrupt)
-                replaced.append(number)
+        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGXCPU):
+            if signal.getsignal(number) in usual:
+                replaced[number] = signal.signal(number, interrupt)
     except ValueError:  # in a thread, whose process has signals of its own
         yield
         return
     try:
+        with _dropped_none():
+            yield
+    finally:
+        for timer in later:
+            timer.cancel()
+        for number, before in replaced.items():
+            if signal.getsignal(number) is interrupt:
+                signal.signal(number, before)
+
+
+@contextmanager
+def _dropped_none() -> Iterator[None]:
+    """Has an interrupt sent again that came within a destructor, where Python would drop it."""
+    remark = sys.unraisablehook
+
+    def dropped(what: sys.UnraisableHookArgs) -> None:
+        if what.exc_type is KeyboardInterrupt:
+            threading.Timer(SOON_S, _thread.interrupt_main).start()
+        else:
+            remark(what)
+
+    sys.unraisablehook = dropped
+    try:
         yield
     finally:
-        for number in replaced:
-            if signal.getsignal(number) is interrupt:
-                signal.signal(number, signal.SIG_DFL)
+        sys.unraisablehook = remark
+
+
+def _imports(frame: FrameType | None) -> bool:
+    """Returns whether a module is being imported where a signal came."""
+    while frame is not None:
+        if frame.f_code.co_filename.startswith("<frozen importlib"):
+            return True
+        frame = frame.f_back
+    return False
 
 
 @contextmanager
