@@ -154,6 +154,10 @@ def _turbulence(analysis: Analysis, table: str) -> Iterator[str]:
     yield f"voxel_m = {VOXEL_M:g}"
     yield f"grid = {GRID}"
     yield "seed = 1"
+    size = f"{VOXEL_M * GRID:g} m"
+    yield f"# A cube of {size} holds the smaller eddies, with less than the record's sigma."
+    if analysis.structure_constant_t is None or not both:
+        yield "# large_scales = true  # adds the larger ones"
     yield (
         "# The measured spectrum as it is, instead of a power law: "
         "put these two lines in the place of the first three."
