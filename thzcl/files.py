@@ -21,7 +21,8 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from tempfile import NamedTemporaryFile, TemporaryFile, mkdtemp
+from secrets import token_hex
+from tempfile import TemporaryFile, mkdtemp
 from typing import TYPE_CHECKING, Any
 
 from thzcl.errors import FileError, advice
@@ -303,11 +304,9 @@ def part_beside(path: Path) -> Iterator[Path]:
     Raises OSError if there can be none.
     """
     sweep(path.parent)
-    with NamedTemporaryFile(
-        dir=path.parent, prefix=_prefix(), suffix=path.suffix, delete=False
-    ) as file:
-        part = Path(file.name)
-    try:
+    part = path.parent / f"{_prefix()}{token_hex(8)}{path.suffix}"  # no other process takes it
+    try:  # before it is made: an interrupt may come at once
+        part.touch(0o600, exist_ok=False)
         yield part
     finally:
         part.unlink(missing_ok=True)
