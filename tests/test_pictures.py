@@ -256,8 +256,23 @@ def test_the_scene_says_how_its_picture_looks(tmp_path):
     ],
 )
 def test_the_heading_says_model_and_noise(tmp_path, sensor, expected):
-    result = run(tmp_path, scene(sensor=sensor))
-    assert " ".join(figure.picture(result).get_suptitle().split()).endswith(expected)
+    assert heading(run(tmp_path, scene(sensor=sensor))).endswith(expected)
+
+
+def heading(result):
+    return " ".join(figure.picture(result).get_suptitle().split())
+
+
+def test_the_heading_says_what_falls_unless_a_name_does(tmp_path):
+    falls = {"atmosphere__rain": {"rate_mm_h": 8.0}, "atmosphere__fog": {"visibility_m": 1200.0}}
+    words = heading(run(tmp_path, scene(**falls)))
+    assert "fog 1200 m, rain 8 mm/h, air by mpm93" in words
+    assert "rain" not in heading(run(tmp_path, scene(atmosphere__rain={"rate_mm_h": 0.0})))
+    both = [{"name": name, "set": {"atmosphere.rain.rate_mm_h": rate}}
+            for name, rate in (("(a) 2 mm/h", 2.0), ("(b) more", 5.0))]  # fmt: skip
+    drawn = figure.picture(run(tmp_path, scene(atmosphere__rain={"rate_mm_h": 1.0}, variants=both)))
+    titles = [ax.get_title() for ax in drawn.axes if ax.get_title()]
+    assert titles == ["(a) 2 mm/h", "(b) more\nrain 5 mm/h"]
 
 
 def test_an_image_of_a_detector_says_its_nedt_and_of_how_many_airs_it_is_the_mean(tmp_path):

@@ -21,6 +21,7 @@ from thzcl.air import radiometry
 from thzcl.errors import FileError, NumbersError, ScenarioError
 from thzcl.results import figure
 from thzcl.results.netcdf import attributes, variables
+from thzcl.results.rows import rows
 from thzcl.sensor import RESERVED_NAMES, Layer
 
 METHODS = ("write", "readinto", "seek", "truncate", "flush", "close")
@@ -332,6 +333,24 @@ def test_every_name_in_the_file_is_reserved(tmp_path):
         "image_mean",
         "scintillation_index",
     }  # of a sequence alone
+
+
+def test_each_frequency_has_metrics_of_its_own(tmp_path):
+    """As a run at that frequency alone; the file says that its image is a mean."""
+    ghz = [220.0, 340.0, 650.0]
+    several = run(tmp_path, scene(sensor__frequency_ghz=ghz))
+    (variant,) = several.summary()["variants"]
+    assert several.to_xarray()["image"].attrs["comment"] == "mean over the sensor's frequencies"
+    for one, found in zip(ghz, variant["frequencies"], strict=True):
+        alone = run(tmp_path, scene(sensor__frequency_ghz=one)).summary()["variants"][0]
+        for target, values in alone["targets"].items():
+            due = {name: value for name, value in values.items() if value is not None}
+            assert {name: found["targets"][target][name] for name in due} == pytest.approx(due)
+    contrasts = {found["targets"]["box"]["cnr"] for found in variant["frequencies"]}
+    assert len(contrasts) == 3
+    assert [row["cnr"] for row in rows(several, "mpm93") if row["target"] == "box"] == [
+        found["targets"]["box"]["cnr"] for found in variant["frequencies"]
+    ]
 
 
 def test_names_are_stored_as_utf8_whatever_the_locale_made_of_them(two):

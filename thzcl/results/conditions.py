@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from thzcl.air.composition import Part
 from thzcl.air.mean import Air
 from thzcl.scenario.scene import Camera
 from thzcl.sensor import Echoes, Image, Radiances
@@ -31,7 +32,7 @@ def angles(camera: Camera) -> tuple[NDArray[Any], NDArray[Any]]:
 def conditions(
     air: Air, model: str, sight: Radiances | Echoes, image: Image | None, realizations: int = 1
 ) -> tuple[str, ...]:
-    """Returns frequency, range, air, absorption model and noise in words, for a picture's titles.
+    """Returns frequency, range, air, weather, absorption model and noise, for a picture's titles.
 
     The range is the median length of the rays that meet a target, or of all rays if none does.
     """
@@ -44,10 +45,24 @@ def conditions(
         f"{air.relative_humidity_percent:.3g} % RH",
         f"{air.absolute_humidity_g_m3:.3g} g/m³",
         f"{air.pressure_hpa:g} hPa",
+        ", ".join(filter(None, map(_amount, air.parts[1:]))),
         "no gas" if model == "none" else f"air by {model}",
         noise(image) if image else "",
         "" if realizations == 1 else f"mean of {realizations} realisations",
     )
+
+
+def _amount(part: Part) -> str:
+    """Returns what is in the air beside the gas, with its first number that has a unit, if any.
+
+    Nothing is said of none, as of rain of 0 mm/h.
+    """
+    for name, field in type(part.params).model_fields.items():
+        value, told = getattr(part.params, name), field.json_schema_extra
+        if isinstance(value, int | float) and isinstance(told, dict) and told.get("unit"):
+            said = f"{part.name} {value:.4g} {told['unit']}".replace("m3", "m³")
+            return said if value else ""
+    return part.name
 
 
 def noise(image: Image) -> str:

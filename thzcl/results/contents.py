@@ -122,6 +122,23 @@ class Contents:
         return difference
 
 
+def seen_at(one: VariantResult | ModelResult, number: int) -> VariantResult | ModelResult:
+    """Returns a variant or a model at one of its frequencies or bands.
+
+    The image of a sensor that sees them one by one is that of the frequency; others have one image
+    of all.
+    """
+    if len(one.sight.frequency_hz) == 1:
+        return one
+    sight = at_frequency(one.sight, number)
+    if not isinstance(one, VariantResult):
+        return replace(one, sight=sight)
+    image = one.image
+    if image is None or not image.mean_over_frequencies or not isinstance(sight, Radiances):
+        return replace(one, sight=sight)
+    return replace(one, sight=sight, image=replace(image, values=sight.brightness_temperature[0]))
+
+
 def at_frequency(sight: Radiances | Echoes, number: int) -> Radiances | Echoes:
     """Returns what reached the pixels at one of several frequencies or bands."""
     if len(sight.frequency_hz) == 1:

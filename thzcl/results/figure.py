@@ -228,7 +228,8 @@ def _panels(result: Contents) -> tuple[list[Panel], int, list[str]]:
     shared = [piece for piece in pieces[0] if all(piece in others for others in pieces)]
     found: list[Panel] = []
     for (variant, image, words, extent), planes, all_own in zip(shown, seen, pieces, strict=True):
-        own = [piece for piece in all_own if piece not in shared and piece not in named]
+        known = {*shared, *named}
+        own = [one for one in all_own if one not in known and not _amount_in(variant.name, one)]
         name = "" if variant.name == result.scenario else variant.name
         kept = (image.quantity, image.unit, "image")
         found += (
@@ -277,6 +278,12 @@ def _mean(image: Image, variant: VariantResult) -> list[str]:
 def _each_in(words: Sequence[str], names: Sequence[Sequence[str]]) -> bool:
     """Returns whether each variant's word is a part of its name."""
     return all(word in name for word, name in zip(words, names, strict=True))
+
+
+def _amount_in(name: str, condition: str) -> bool:
+    """Returns whether a name says how much there is of something, as "(b) 2 mm/h" does of rain."""
+    what, *amount = condition.split()
+    return len(amount) == 2 and what.isalpha() and " ".join(amount) in name
 
 
 def _pieces(conditions: Sequence[str]) -> list[str]:

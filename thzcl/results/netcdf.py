@@ -205,13 +205,14 @@ def variables(result: Contents) -> dict[str, Variable]:
     depth = "optical depth, out and back" if active else "optical depth to the end of the ray"
     length = {"units": "m", "long_name": "length of the ray"}
     images = [variant.image for variant in result.variants if variant.image is not None]
+    several = len(sights[0].frequency_hz) > 1
     found = {
         **_radiometric(passive, kind),
         **(_contrast(result, kind) if passive else {}),
         "optical_depth": _by_model(result, _depth, _pixel_attrs("1", depth), kind),
         "path_length": _shared([sight.path_length for sight in sights], length),
         "target": _shared([sight.target for sight in sights], _flags(result.targets)),
-        **(_images(images, kind) if len(images) == len(sights) else {}),
+        **(_images(images, kind, several) if len(images) == len(sights) else {}),
     }
     return found | _difference(result, found) | _cubes(result.cubes)
 
@@ -297,10 +298,15 @@ def _flags(targets: tuple[str, ...]) -> dict[str, Any]:
     }
 
 
-def _images(images: list[Image], kind: Any) -> dict[str, Variable]:
-    """Returns the sensors' images, and the layers that all images have, (variant, y, x)."""
+def _images(images: list[Image], kind: Any, several: bool) -> dict[str, Variable]:
+    """Returns the sensors' images, and the layers that all images have, (variant, y, x).
+
+    `several` says whether they are of several frequencies.
+    """
     first = images[0]
     attrs = _pixel_attrs(first.unit, first.quantity)
+    if several and all(image.mean_over_frequencies for image in images):
+        attrs = attrs | {"comment": "mean over the sensor's frequencies"}
     planes = {"image": (attrs, [image.values for image in images])}
     for name in first.layers:
         if all(name in image.layers for image in images):

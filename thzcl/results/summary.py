@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from base64 import b64encode
 from collections.abc import Iterator, Mapping
-from dataclasses import replace
 from html import escape
 from typing import Any
 
 import numpy as np
 
 from thzcl import metrics
-from thzcl.results.contents import Array, Contents, ModelResult, VariantResult, at_frequency
+from thzcl.results.contents import Array, Contents, ModelResult, VariantResult, seen_at
 from thzcl.sensor import Echoes, Image, Radiances
 
 TWO_WAYS = "out and back"  # the path of an active sensor's light, whose depth is told of both ways
@@ -69,7 +68,7 @@ def _of_targets(
         found["frequencies"] = [
             {
                 "frequency_ghz": float(hz) / 1e9,
-                "targets": target_table(replace(one, sight=at_frequency(one.sight, number)), names),
+                "targets": target_table(seen_at(one, number), names),
             }
             for number, hz in enumerate(one.sight.frequency_hz)
         ]
