@@ -261,8 +261,8 @@ def test_an_answer_goes_on_where_it_was(tmp_path, device, monkeypatch):
     data, computed = target(), []
     together = ranges.computed_together
 
-    def counted(question, some, opened):
-        for found in together(question, some, opened):
+    def counted(question, some, opened, *more):
+        for found in together(question, some, opened, *more):
             computed.append(found[0])
             if len(computed) == 2:
                 raise KeyboardInterrupt
@@ -278,6 +278,34 @@ def test_an_answer_goes_on_where_it_was(tmp_path, device, monkeypatch):
     assert found.as_json() == asked(tmp_path, data, device).as_json()
     other = asked(tmp_path, data, device, folder=out, seed=6)
     assert other.as_json()["curves"] != found.as_json()["curves"]
+
+
+@pytest.mark.parametrize("stopped", [3, 15], ids=["learning", "testing"])
+def test_an_answer_goes_on_amid_its_airs(tmp_path, device, monkeypatch, stopped):
+    """The same to the bit; a damaged file of airs is no file."""
+    box = scene()["targets"]["box"] | {"temperature_k": 287.0}
+    data = scene(camera__pixels=[24, 18], targets={"box": box}, atmosphere__compare=["r24"])
+    options = {"ranges": [15.0, 40.0], "air": 20, "device": device, "data": data}
+    out, seen = tmp_path / "out", []
+    due = asked(tmp_path, **options).as_json()
+    monkeypatch.setattr(ranges, "SAVED_S", 0.0)
+
+    def stop(text):
+        seen.append(text)
+        if text.endswith(f"air {stopped + 1} of 20"):
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        asked(tmp_path, **options, folder=out, progress=stop)
+    (kept,) = out.rglob("airs-*.npz")
+    whole, seen[:] = kept.read_bytes(), []
+    again = asked(tmp_path, **options, folder=out, progress=seen.append)
+    assert again.as_json() == due
+    assert seen[0].endswith(f"air {stopped + 1} of 20") and not list(out.rglob("airs-*"))
+    for path in out.rglob("*m-*.json"):
+        path.unlink()
+    kept.write_bytes(whole[:-100])
+    assert asked(tmp_path, **options, folder=out).as_json() == due
 
 
 def test_the_command_writes_table_curve_and_numbers(thzcl_json, tmp_path):

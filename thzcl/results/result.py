@@ -85,8 +85,10 @@ class Result(Contents):
 
         Raises ImportError if xarray is not installed.
         """
-        import xarray
-
+        try:
+            import xarray
+        except ImportError:
+            raise ImportError("to_xarray needs xarray; install it: pip install xarray") from None
         data, coordinates = (
             {name: (v.dims, v.values, v.attrs) for name, v in variables.items()}
             for variables in (netcdf.variables(self), netcdf.coordinates(self))

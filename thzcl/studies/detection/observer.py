@@ -7,6 +7,7 @@ several times the truth where there are fewer airs than pixels.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -97,6 +98,21 @@ class Training:
         self._cross: Array = np.zeros(())
         self._one: NDArray[Any] = np.zeros(())
         self._other: NDArray[Any] = np.zeros(())
+
+    ARRAYS = ("airs", "signal", "noise", "cross", "one", "other")
+
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """Returns all that it has learnt, by name."""
+        return {name: np.asarray(getattr(self, f"_{name}")) for name in self.ARRAYS}
+
+    @classmethod
+    def of(cls, arrays: Mapping[str, NDArray[Any]]) -> Training:
+        """Returns one that has learnt what arrays() told."""
+        found = cls()
+        found._airs, found._noise = int(arrays["airs"]), float(arrays["noise"])
+        found._signal, found._cross = arrays["signal"], arrays["cross"]
+        found._one, found._other = arrays["one"], arrays["other"]
+        return found
 
     def add(self, present: Array, absent: Array, again: Array) -> None:
         """Adds an air: images (y, x) with and without the target in the same draw of the noise.

@@ -10,7 +10,8 @@ import hashlib
 import json
 import re
 import secrets
-from collections.abc import Iterator, Mapping, Sequence
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from operator import index
 from pathlib import Path
@@ -30,6 +31,7 @@ from thzcl.scenario.text import dumps
 from thzcl.studies.detection import intervals
 from thzcl.studies.detection.intervals import FEWEST_AIRS, Detection, Estimate, Reach
 from thzcl.studies.detection.observer import CELLS, HOTELLING, NPW, Observer, Training
+from thzcl.studies.detection.passes import Key, Pass
 from thzcl.studies.detection.scenes import Base, Pair, RangeRefusedError, Scenes, airs, joined
 
 if TYPE_CHECKING:
@@ -39,6 +41,7 @@ Array = NDArray[np.float64]
 _SEED = re.compile(r"[0-9]{1,19}")
 DEFAULT_RANGES = "10:200:10"
 TOGETHER = 5  # ranges that are computed together, for which an air's cube is made once
+SAVED_S = 5.0  # between writing what airs have told
 CLEAR_DRAWS = 16  # draws of the noise over which the signal in transparent air is averaged
 CLEAR = {
     "atmosphere.fluctuations": None,
@@ -320,18 +323,30 @@ def _computed(
         opened = device if isinstance(device, Device) else open_device(device)
         for first in range(0, len(missing), TOGETHER):
             some = missing[first : first + TOGETHER]
-            if progress is not None:
-                done = f"{len(found)} of {len(asked.range_m)} ranges"
-                progress(f"{done}; at {some[0]:g} to {some[-1]:g} m")
-            for range_m, samples in computed_together(asked, some, opened):
+            done = f"{len(found)} of {len(asked.range_m)} ranges; at {some[0]:g} to {some[-1]:g} m"
+
+            def tell(air: int, done: str = done) -> None:
+                if progress is not None:
+                    progress(f"{done}, air {air + 1} of {asked.airs}")
+
+            path = None if kept is None else _part(kept, asked, some)
+            for range_m, samples in computed_together(asked, some, opened, path, tell):
                 found[range_m] = samples
                 if kept is not None:
                     _write(_file(kept, asked, range_m), samples)
+            if path is not None:
+                path.unlink(missing_ok=True)
     return dict(sorted(found.items()))
 
 
 def _file(kept: Path, asked: Question, range_m: float) -> Path:
     return kept / f"{range_m:g}m-{asked.identity}.json"
+
+
+def _part(kept: Path, asked: Question, some: list[float]) -> Path:
+    """Returns the file of what airs have told of some ranges, until all have."""
+    places = hashlib.sha256(repr(some).encode()).hexdigest()[:8]
+    return kept / f"airs-{asked.identity}-{places}.npz"
 
 
 def _write(path: Path, samples: list[Samples]) -> None:
@@ -355,47 +370,80 @@ def _read(path: Path) -> list[Samples] | None:
 
 
 def computed_together(
-    asked: Question, some: list[float], device: Device
+    asked: Question,
+    some: list[float],
+    device: Device,
+    part: Path | None = None,
+    tell: Callable[[int], None] = lambda _: None,
 ) -> Iterator[tuple[float, list[Samples]]]:
-    """Yields some ranges with the samples of each, for which the airs' cubes are shared."""
+    """Yields some ranges with the samples of each, for which the airs' cubes are shared.
+
+    What airs have told is kept in the file `part`, if there is one, and gone on from there. `tell`
+    is told the number of each air.
+    """
     pairs = joined(
         [Pair.of(asked.base, range_m, ghz, {}) for range_m in some for ghz in asked.frequency_ghz]
     )
-    half = asked.airs // 2
-    training: dict[tuple[int, str], Training] = {}
-    observers: dict[tuple[int, str], Observer] = {}
-    draws: dict[tuple[int, str], tuple[int, str]] = {}
-    null: dict[tuple[int, str], list[list[float]]] = {}
-    present: dict[tuple[int, str], list[list[float]]] = {}
-    pixels: dict[int, float] = {}
-    for air, number, scenes in airs(pairs, range(asked.airs), asked.seed, device):
-        if air == 0:
-            wanted = _flags(pairs[number], asked.base.target)
-            pixels[number] = float(np.isin(scenes[0].present.target, wanted).sum())
-            _refuse_unseen(asked, pairs[number], pixels[number])
-        for one in scenes:
-            key = number, one.model
-            if air < half:
-                _learn(training.setdefault(key, Training()), one)
-                continue
-            if key not in observers:
-                observers[key] = _observer(asked, pairs[number], training.pop(key))
-                draws[key] = _draws(asked, pairs[number], observers[key])
-            count, see = range(draws[key][0]), observers[key].statistic
-            null.setdefault(key, []).append([see(one.image(one.absent, 2 * d)) for d in count])
-            present.setdefault(key, []).append(
-                [see(one.image(one.present, 2 * d + 1)) for d in count]
-            )
+    known, saved = Pass() if part is None else Pass.read(part), time.monotonic()
+    told = _Told(asked, pairs, known)
+    for air, number, scenes in airs(pairs, range(known.airs, asked.airs), asked.seed, device):
+        if number == 0:
+            tell(air)
+        told.take(air, number, scenes)
+        if number == len(pairs) - 1:
+            known.airs = air + 1
+            if part is not None and time.monotonic() - saved > SAVED_S:
+                known.write(part)
+                saved = time.monotonic()
     found: dict[float, list[Samples]] = {range_m: [] for range_m in some}
-    for key, observer in observers.items():
-        pair, arrays = pairs[key[0]], (np.array(null[key]), np.array(present[key]))
+    for key, observer in told.observers.items():
+        pair, arrays = pairs[key[0]], (np.array(known.null[key]), np.array(known.present[key]))
         lost = _lost(asked, pair, observer, arrays, device)
         samples = Samples(
-            pair.frequency_ghz, key[1], observer.kind, observer.sign, draws[key][1],
-            pixels[key[0]], lost, *arrays,
+            pair.frequency_ghz, key[1], observer.kind, observer.sign, told.draws[key][1],
+            known.pixels[key[0]], lost, *arrays,
         )  # fmt: skip
         found[pair.range_m].append(samples)
     yield from found.items()
+
+
+class _Told:
+    """Takes what airs tell: the first half is learnt from, the rest tests what was learnt."""
+
+    def __init__(self, asked: Question, pairs: list[Pair], known: Pass) -> None:
+        self.observers: dict[Key, Observer] = {}
+        self.draws: dict[Key, tuple[int, str]] = {}  # of the noise; what the threshold comes from
+        self._asked, self._pairs, self._known = asked, pairs, known
+        for key in known.null:
+            self._make(key)
+
+    def _make(self, key: Key) -> None:
+        pair = self._pairs[key[0]]
+        self.observers[key] = _observer(self._asked, pair, self._known.training[key])
+        self.draws[key] = _draws(self._asked, pair, self.observers[key])
+
+    def take(self, air: int, number: int, scenes: list[Scenes]) -> None:
+        """Takes the scenes of one air and pair by each model."""
+        asked, pair, known = self._asked, self._pairs[number], self._known
+        if number not in known.pixels:
+            wanted = _flags(pair, asked.base.target)
+            known.pixels[number] = float(np.isin(scenes[0].present.target, wanted).sum())
+            _refuse_unseen(asked, pair, known.pixels[number])
+        for one in scenes:
+            key = number, one.model
+            if air < asked.airs // 2:
+                _learn(known.training.setdefault(key, Training()), one)
+            else:
+                self._test(key, one)
+
+    def _test(self, key: Key, one: Scenes) -> None:
+        if key not in self.observers:
+            self._make(key)
+        count, see = range(self.draws[key][0]), self.observers[key].statistic
+        null = [see(one.image(one.absent, 2 * draw)) for draw in count]
+        present = [see(one.image(one.present, 2 * draw + 1)) for draw in count]
+        self._known.null.setdefault(key, []).append(null)
+        self._known.present.setdefault(key, []).append(present)
 
 
 def _learn(training: Training, one: Scenes) -> None:
