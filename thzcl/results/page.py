@@ -93,13 +93,19 @@ def png(figure: Any, alt: str) -> Picture:
     return Picture(base64.b64encode(stored.getvalue()).decode("ascii"), alt)
 
 
-def chart(series: Sequence[Series], x_label: str, y_label: str) -> dict[str, Any] | None:
-    """Returns a chart of lines for a section, or None if there are no two points to join."""
+def chart(
+    series: Sequence[Series], x_label: str, y_label: str, limits: tuple[float, float] | None = None
+) -> dict[str, Any] | None:
+    """Returns a chart of lines for a section, or None if there are no two points to join.
+
+    `limits` are those of the y axis, by default such as to hold all points.
+    """
     points = [point for one in series for point in one.points]
     if len({x for x, _ in points}) < 2:
         return None
     ends = [y for one in series for pair in one.band for y in pair]
-    x_span, y_span = _span([x for x, _ in points]), _span([*(y for _, y in points), *ends])
+    x_span = _span([x for x, _ in points])
+    y_span = limits or _span([*(y for _, y in points), *ends])
     right, bottom = _WIDTH - _RIGHT, _HEIGHT - _BOTTOM
 
     def across(x: float) -> float:

@@ -35,6 +35,12 @@ BUDGET = (
     "How far each shortcut moved the image. The line model, where there is one, is half the spread "
     "of the targets' contrast over the models compared."
 )
+LOSSES = {
+    "absorption": "without absorption",
+    "clutter": "clutter alone",
+    "noise": "noise alone",
+    "pixels": "with the first range's pixels",
+}
 # What is raised where a file does not hold what thzcl writes.
 _BROKEN = ArithmeticError, AttributeError, LookupError, TypeError, ValueError
 MOST_ROWS = 2000  # of a study's table in a page
@@ -324,6 +330,9 @@ def _of_range(path: Path) -> str:
         )
         for one in curves
     ]
+    ends = [min(one["range_m"][0] for one in curves), max(one["range_m"][-1] for one in curves)]
+    wanted = [(end, told["probability"]) for end in ends]
+    series.append(Series(f"{100 * told['probability']:g} %, as asked", wanted))
     names = list(ranges[0])
     lists = [
         {key: v[n] if isinstance(v, list) else v for key, v in one.items()}
@@ -331,17 +340,18 @@ def _of_range(path: Path) -> str:
         for n in range(len(one["range_m"]))
     ]
     lost = [
-        {key: v[n] if isinstance(v, list) else v for key, v in one.items()}
+        {LOSSES.get(key, key): v[n] if isinstance(v, list) else v for key, v in one.items()}
         for one in losses
         for n in range(len(one["range_m"]))
     ]
     percent = 100 * told["probability"]
+    label = "probability of detection, with its 95 % interval"
     sections = [
         Section(
             f"Range at {percent:g} %",
             table=page.table(names, [[one[name] for name in names] for one in ranges]),
         ),
-        Section("Curve", chart=page.chart(series, "range / m", "probability of detection, 95 %")),
+        Section("Curve", chart=page.chart(series, "range / m", label, (0.0, 1.0))),
         Section("To be read with it", texts=told["notes"]),
         Section("Detection", table=_records(lists)),
         Section("d' with part of what hinders it", table=_records(lost)),
