@@ -257,6 +257,16 @@ def test_draws_are_as_many_as_a_rate_of_false_alarms_takes():
     assert intervals.draws_needed(2000, 0.01, 0.5) == 1
 
 
+def test_a_range_beyond_all_says_what_is_known(tmp_path, device):
+    hot = target(kelvin=320.0)
+    found = asked(tmp_path, hot, device, ranges=[10.0, 15.0], air=20, probability=0.95)
+    assert found.curves[0].reach.note == "farther than asked"
+    notes = " ".join(found.notes)
+    assert "farther than 15 m, the longest of the ranges; give longer ones" in notes
+    low = found.curves[0].found[-1].probability.low
+    assert low < 0.95 and f"at 15 m the interval begins at {low:.3g}, so that 0.95 is not" in notes
+
+
 def test_an_answer_goes_on_where_it_was(tmp_path, device, monkeypatch):
     data, computed = target(), []
     together = ranges.computed_together

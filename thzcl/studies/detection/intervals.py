@@ -20,6 +20,7 @@ Array = NDArray[np.float64]
 REPLICATES = 500
 LEVEL = 0.975  # of each end
 NULLS = 10  # null samples beyond the threshold that an empirical quantile needs
+FARTHER = "farther than asked"  # the note of a range beyond all that were asked for
 FEWEST_AIRS = 10
 MOST_DRAWS = 256
 _OF_A_LAW = 10**12  # as many samples as leave a law's own probabilities as they are
@@ -285,7 +286,7 @@ def reach(range_m: Array, found: list[Detection], probability: float) -> Reach:
     spread = estimates + WIDER * (every - estimates)
     crossings = np.array([_crossing(range_m, one, wanted) for one in spread])
     low, high = np.quantile(crossings, [1 - LEVEL, LEVEL], method="nearest")
-    note = "" if np.isfinite(middle) else "not reached" if middle < 0 else "farther than asked"
+    note = "" if np.isfinite(middle) else "not reached" if middle < 0 else FARTHER
     known = [float(v) if np.isfinite(v) else None for v in (middle, low, high)]
     return Reach(known[0], known[1], known[2], note)
 

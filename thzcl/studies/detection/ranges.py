@@ -582,8 +582,22 @@ def _notes(asked: Question, curves: tuple[Curve, ...]) -> list[str]:
         )
     for curve in curves:
         name = f"{curve.frequency_ghz:g} GHz, {curve.model}"
-        notes += [f"{name}: {text}" for text in (*_of_tails(asked, curve), *_rises(curve))]
+        told = (*_beyond(asked, curve), *_of_tails(asked, curve), *_rises(curve))
+        notes += [f"{name}: {text}" for text in told]
     return notes
+
+
+def _beyond(asked: Question, curve: Curve) -> Iterator[str]:
+    """Yields what is known where the range that is asked for lies beyond all ranges."""
+    last = curve.found[-1].probability
+    if curve.reach.note != intervals.FARTHER:
+        return
+    yield f"farther than {curve.range_m[-1]:g} m, the longest of the ranges; give longer ones"
+    if last.low < asked.probability:
+        yield (
+            f"at {curve.range_m[-1]:g} m the interval begins at {last.low:.3g}, so that "
+            f"{asked.probability:g} is not established there; give more airs"
+        )
 
 
 def _of_tails(asked: Question, curve: Curve) -> Iterator[str]:
